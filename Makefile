@@ -13,18 +13,21 @@ QUICK = tests/core tests/scene tests/instrument tests/kernels tests/theory tests
 	tests/datasets/loading/test_stream.py
 
 # pip would compile every file of every package to bytecode, one after another, which takes longer than all else here;
-# Python compiles what it imports. That of torch is made beside the second line instead, and may fail without harm.
-# A new environment's own pip takes 8 processor seconds to unpack and compile: where Python has a pip that fills other
-# environments (22.3 or newer), it brings that one along.
+# Python compiles what it imports. A new environment's own pip takes 8 processor seconds to unpack and compile: where
+# Python has a pip that fills other environments (22.3 or newer), it brings that one along, and torch, half of all
+# bytes, is unpacked beside the rest. Then pip finds what is missing still, and says so if it is not to be had; beside
+# it compile the walks, which need no torch. What runs beside may fail without harm: it is done again where it is used.
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv --without-pip .venv
 	if $(PYTHON) -m pip --python $(BIN)/python --version > /dev/null 2>&1; then \
-		$(PYTHON) -m pip --python $(BIN)/python install --quiet --no-compile pip "$(TORCH)"; \
+		$(PYTHON) -m pip --python $(BIN)/python install --quiet --no-compile --no-deps "$(TORCH)" & \
+		$(PYTHON) -m pip --python $(BIN)/python install --quiet --no-compile --no-warn-conflicts pip --editable . && wait || { wait; false; }; \
 	else \
-		$(PYTHON) -m venv .venv && $(BIN)/pip install --quiet --no-compile "$(TORCH)"; \
+		$(PYTHON) -m venv .venv && $(BIN)/pip install --quiet --no-compile --editable .; \
 	fi
-	$(BIN)/python -m compileall -qq .venv/lib/python3*/site-packages/torch & \
-	$(BIN)/pip install --quiet --no-compile --editable ".[photographs]" && { wait; touch $@; }
+	$(BIN)/python scripts/compile_walks.py & \
+	$(BIN)/pip install --quiet --no-compile "$(TORCH)" "specklegen-torch[photographs]" && { \
+		$(BIN)/python -m compileall -qq .venv/lib/python3*/site-packages/torch; wait; touch $@; }
 
 .venv/installed-tests: .venv/installed
 	$(BIN)/pip install --quiet --editable ".[dev,digits,photographs,mie,dask,mesh,validate,parquet,remote,hdf5]"

@@ -65,20 +65,15 @@ def step(title: str) -> None:
     print(f"{title}  [{time.perf_counter() - BEGUN:.0f} s]", flush=True)
 
 
-WALKS = """import specklegen as sg
-slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g=0.9))
-sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 1e-5], paths=4000)"""
-"""What compiles the walks through slabs."""
-
-
 def compile_kernels(recipe) -> None:
     """Compile before anything is timed; the next run finds the kernels in the user's cache.
 
-    Walks compile in a process beside this one, which compiles what draws from them: images behind a thin screen.
+    Walks compile in a process beside this one (``make demo`` had it done while it installed), which compiles what draws
+    from them: images behind a thin screen.
     """
     print("Compiling, once ...", end=" ", flush=True)
     begin = time.perf_counter()
-    with subprocess.Popen([sys.executable, "-c", WALKS]):
+    with subprocess.Popen([sys.executable, Path(__file__).with_name("compile_walks.py")]):
         load_recipe("ground-glass").sample(0, "train", 0)
     recipe.sample(0, "train", 0)  # and whatever the other process could not keep
     print(f"{time.perf_counter() - begin:.0f} s")

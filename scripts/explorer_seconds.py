@@ -4,7 +4,8 @@
 
 In a process of its own, without a browser and a server; kernels are compiled before, by another process. "First
 picture": imports included, until the camera's image stands; "whole page": until all panels do. A row a slider: the mean
-of a step up and a step down, whole page, and the slowest panel. Sliders that the medium or setup has not are left out.
+of a step up and a step down, all panels of the first view that has it, and the slowest of them. Sliders of other media
+and setups are left out.
 """
 
 import argparse
@@ -19,24 +20,38 @@ def once() -> None:
     from specklegen.explorer import page
     from specklegen.explorer.controls import CONTROLS, State, shown
 
-    state = State()
-    page._camera(state)
+    page._camera(State())
     print(f"first picture {time.process_time() - begun:.2f} s", flush=True)
-    page.panels(state)
+    page.panels(State())
     print(f"whole page    {time.process_time() - begun:.2f} s", flush=True)
-    print("| slider | s | slowest panel | s |\n|---|---|---|---|")
-    for name in shown(state):
-        steps = CONTROLS[name].steps
-        at = steps.index(getattr(state, name))
-        moved = [state._replace(**{name: steps[n]}) for n in (at + 1, at - 1) if 0 <= n < len(steps)]
-        took = {title: 0.0 for title, _, _ in page._PANELS}
-        for each in moved:
-            for title, _, body in page._PANELS:
-                begin = time.process_time()
-                page._said(body, each)
-                took[title] += (time.process_time() - begin) / len(moved)
-        slowest = max(took, key=lambda title: took[title])
-        print(f"| {name} | {sum(took.values()):.2f} | {slowest} | {took[slowest]:.2f} |", flush=True)
+    print("| view | slider | s | slowest panel | s |\n|---|---|---|---|---|")
+    seen: set[str] = set()
+    for view in CONTROLS["view"].steps:
+        state = State(view=view)
+        took(state)
+        for name in shown(state):
+            if name == "view" or name in seen:
+                continue
+            seen.add(name)
+            steps = CONTROLS[name].steps
+            at = steps.index(getattr(state, name))
+            found = [took(state._replace(**{name: steps[n]})) for n in (at + 1, at - 1) if 0 <= n < len(steps)]
+            mean = {title: sum(each[title] for each in found) / len(found) for title in found[0]}
+            slowest = max(mean, key=lambda title: mean[title])
+            print(f"| {view} | {name} | {sum(mean.values()):.2f} | {slowest} | {mean[slowest]:.2f} |", flush=True)
+
+
+def took(state) -> dict[str, float]:
+    """Processor seconds of each panel of a state's view."""
+    from specklegen.explorer import page
+
+    found = {}
+    for title, _, body, views in page._PANELS:
+        if state.view in views:
+            begin = time.process_time()
+            page._said(body, state)
+            found[title] = time.process_time() - begin
+    return found
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """Verdicts on photographs of unknown benches, and what became of their objects: drawn, retrieved, judged.
 
-    python scripts/photograph_verdicts.py truth --out photographs.csv [--count 330] [--workers 16] [--seconds 140]
+    python scripts/photograph_verdicts.py truth --out photographs.csv [--first 0] [--count 330] [--workers 16] [--seconds 140]
     python scripts/photograph_verdicts.py judge photographs.csv
 
 A photograph is a clean bench or one of ten perturbed ones (``perturbed_benches.py``), its camera of 96 to 288 pixels and
@@ -101,7 +101,7 @@ def became(number: int) -> list[Any]:
             int(scene.saturated), scene.side, f"{r:.4f}"]  # fmt: skip
 
 
-def truth(out: Path, count: int, workers: int, seconds: float) -> None:
+def truth(out: Path, numbers: range, workers: int, seconds: float) -> None:
     """Write the table, a line as soon as it is there, until the time is over."""
     begun = time.time()
     torch.set_num_threads(1)
@@ -109,7 +109,7 @@ def truth(out: Path, count: int, workers: int, seconds: float) -> None:
         photograph(number)
     became(0)
     print(f"ready after {time.time() - begun:.0f} s", flush=True)
-    write_rows(became, range(count), out, workers, seconds, HEAD)
+    write_rows(became, numbers, out, workers, seconds, HEAD)
     print(f"{sum(1 for _ in out.open()) - 1} photographs after {time.time() - begun:.0f} s", flush=True)
 
 
@@ -145,6 +145,7 @@ def main() -> None:
     tasks = asked.add_subparsers(dest="task", required=True)
     making = tasks.add_parser("truth")
     making.add_argument("--out", type=Path, default=Path("photographs.csv"))
+    making.add_argument("--first", type=int, default=0)
     making.add_argument("--count", type=int, default=330)
     making.add_argument("--workers", type=int, default=16)
     making.add_argument("--seconds", type=float, default=1e9)
@@ -156,7 +157,7 @@ def main() -> None:
     if given.task == "judge":
         print(judge(given.file, given.count, given.workers))
         return
-    truth(given.out, given.count, given.workers, given.seconds)
+    truth(given.out, range(given.first, given.first + given.count), given.workers, given.seconds)
 
 
 if __name__ == "__main__":

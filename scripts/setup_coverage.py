@@ -1,25 +1,32 @@
 """How often intervals of ``sg.fit_setup`` hold range, grain and contrast, from photographs of a known target.
 
-    python scripts/setup_coverage.py run --out setups.csv [--runs 100] [--workers 2] [--seconds 1800]
+    python scripts/setup_coverage.py run --out setups.csv [--runs 100] [--seed 41] [--workers 2] [--seconds 1800]
     python scripts/setup_coverage.py table setups.csv
+    python scripts/setup_coverage.py falls
 
 Each set is 1, 4 or 16 photographs of 288 x 288 pixels of a letter behind new places of one slab, drawn here as waves:
 those of two points of the letter have sqrt(C_I) in common, C_I that of the slab by paths (seven slabs, from an
 exponential to a Gaussian fall); the letter reaches .4 to 4 ranges. Grains of 2.5 to 4 pixels, three irises, a Gaussian
 beam, noise of 0 to 10 %. Nothing of the fit is used to draw.
+
+``falls`` prints how far the form of C_I that is fitted stays from C_I of slabs by paths, up to twice their range.
 """
 
 import argparse
 import csv
+import itertools
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 from _rows import write_rows
+from scipy import fft
+from scipy.optimize import least_squares
 
 import specklegen as sg
 from specklegen.core.statistics import wilson
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
+from specklegen.models.calibration.target_range import BOUNDS, Fall, decay
 
 SLABS = {
     "OD 10, g .9": (10.0, 0.9), "OD 20, g .8": (20.0, 0.8), "OD 40, g 0": (40.0, 0.0), "OD 10, g .98": (10.0, 0.98),
@@ -52,28 +59,28 @@ def photographs(
     iris = {
         "square": np.maximum(x[:, None], x) < 1, "disc": np.hypot(x[:, None], x) < 1,
         "gaussian": np.exp(-(x[:, None] ** 2 + x**2)),
-    }[profile]  # fmt: skip
+    }[profile].astype(np.float32)  # fmt: skip
     found = np.zeros((count, SIDE, SIDE))
     for image in found:
-        waves = np.fft.ifft2(iris * (rng.normal(size=(modes.shape[1], side, side, 2)) @ [1, 1j]))
-        for (y, x0), own in zip(points, modes, strict=True):
-            at = waves[:, LETTER.shape[0] - y :, LETTER.shape[1] - x0 :][:, :SIDE, :SIDE]
-            image += np.abs(np.tensordot(own, at, 1)) ** 2
+        white = rng.standard_normal((modes.shape[1], side, side, 2), dtype=np.float32).view(np.complex64)[..., 0]
+        waves = fft.ifft2(iris * white, overwrite_x=True).reshape(len(white), -1)
+        for (y, x0), wave in zip(points, modes.astype(np.float32) @ waves, strict=True):
+            at = wave.reshape(side, side)[LETTER.shape[0] - y :, LETTER.shape[1] - x0 :][:SIDE, :SIDE]
+            image += at.real**2 + at.imag**2
         image /= image.mean()
     return found
 
 
-def one(task: tuple[str, int, int]) -> list:
+def one(task: tuple[int, str, int, int]) -> list:
     """A line of the table."""
-    name, count, run = task
-    rng = np.random.default_rng([41, list(SLABS).index(name), count, run])
+    seed, name, count, run = task
+    rng = np.random.default_rng([seed, list(SLABS).index(name), count, run])
     profile = ("square", "disc", "gaussian")[rng.integers(3)]
     grain = _SAMPLES / (2 * rng.integers(46, 74) + 1)  # an odd number of samples wide: of that grain, edges and all
     extent, noise = np.exp(rng.uniform(np.log(0.4), np.log(4))), rng.uniform(0, 0.1)
     correlation = _correlation(name)
     truth = max(LETTER.shape) / extent
-    sines = np.geomspace(0.1, 10, 400) * correlation.half_range()
-    half = float(np.interp(-0.5, -correlation.intensity(sines)[0], sines))
+    half = _half(correlation)
     points = np.argwhere(LETTER > 0)
     apart = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1)) / truth * half
     c_i = np.interp(apart, np.linspace(0, apart.max() + 1e-9, 500), _curve(correlation, apart.max() + 1e-9))
@@ -92,6 +99,32 @@ def one(task: tuple[str, int, int]) -> list:
 
 def _curve(correlation: MemoryEffectCorrelation, most: float) -> np.ndarray:
     return np.asarray(correlation.intensity(np.linspace(0, most, 500))[0]).clip(0, 1)
+
+
+def _half(correlation: MemoryEffectCorrelation) -> float:
+    """Sine at which C_I is one half."""
+    sines = np.geomspace(0.1, 10, 400) * correlation.half_range()
+    return float(np.interp(-0.5, -correlation.intensity(sines)[0], sines))
+
+
+def falls() -> str:
+    """What the fitted form leaves of C_I of slabs, in Markdown."""
+    lines = ["| optical depth, g | C_I off, largest | range off, % | bend, power |", "|---|---|---|---|"]
+    apart = np.linspace(0.05, 2, 40)
+    low, high = np.array([*BOUNDS, (-0.3, 0.3)]).T
+    for depth, g in itertools.product((3.0, 5.0, 8.0, 10.0, 15.0, 20.0, 40.0), (0.0, 0.5, 0.8, 0.9, 0.95, 0.98)):
+        slab = sg.Slab(thickness=1000.0, mean_free_path=1000.0 / depth, scatterer=sg.HenyeyGreenstein(g))
+        correlation = estimate_correlation(slab, 200_000, seed=5)
+        seen = np.asarray(correlation.intensity(apart * _half(correlation))[0])
+
+        def off(at: np.ndarray, seen: np.ndarray = seen) -> np.ndarray:
+            return decay(apart * np.exp(at[2]), Fall(np.exp(at[0]), at[1])) - seen
+
+        starts = ([np.log(bend), power, 0.0] for bend, power in ((0.3, 1.0), (1.0, 1.0), (2.0, 0.5)))
+        best = min((least_squares(off, start, bounds=(low, high)) for start in starts), key=lambda found: found.cost)
+        lines.append(f"| {depth:g}, {g:g} | {np.abs(best.fun).max():.3f} | {100 * np.expm1(-best.x[2]):+.1f} "
+                     f"| {np.exp(best.x[0]):.2f}, {best.x[1]:.2f} |")  # fmt: skip
+    return "\n".join(lines)
 
 
 def table(file: Path) -> str:
@@ -124,18 +157,22 @@ def table(file: Path) -> str:
 def main() -> None:
     """Read the command line."""
     asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    asked.add_argument("task", choices=("run", "table"))
+    asked.add_argument("task", choices=("run", "table", "falls"))
     asked.add_argument("file", nargs="?", type=Path)
     asked.add_argument("--out", type=Path, default=Path("setups.csv"))
     asked.add_argument("--runs", type=int, default=100)
+    asked.add_argument("--seed", type=int, default=41)
     asked.add_argument("--workers", type=int, default=2)
     asked.add_argument("--seconds", type=float, default=1e9)
     given = asked.parse_args()
     if given.task == "table":
         print(table(given.file or given.out))
         return
+    if given.task == "falls":
+        print(falls())
+        return
     names = list(SLABS)
-    tasks = [(names[run % len(names)], count, run) for run in range(given.runs) for count in COUNTS]
+    tasks = [(given.seed, names[run % len(names)], count, run) for run in range(given.runs) for count in COUNTS]
     write_rows(one, tasks, given.out, given.workers, given.seconds, HEAD)
     print(table(given.out))
 

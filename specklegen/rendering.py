@@ -134,15 +134,15 @@ class SpeckleStack(Pictured, Labelled):
             lead, sensor = lead[: len(scene.illumination.images)], len(scene.sensor.shape)
         seen = ("rows", "columns") if sensor == 2 else tuple(f"views_{n}" for n in range(sensor))
         axes = (*("realizations",)[: intensity.ndim - sensor - len(lead)], *lead, *seen)
-        found: dict[str, Labels] = {}
+        labels: dict[str, Labels] = {}
         if scene is not None:
-            found |= _seen(seen, scene.sensor)
+            labels |= _seen(seen, scene.sensor)
             if lead:
-                found |= _placed("light_", lead, scene.lights, scene.illumination.near)
+                labels |= _placed("light_", lead, scene.lights, scene.illumination.near)
         near = scene is not None and (scene.sensor.near or scene.sensor.focused)  # else an area a steradian
         if self._field is not None:
-            found["field"] = Labels(axes, self._field, "1" if near else "length of the scene")
-        return found | {"intensity": Labels(axes, intensity, "1" if near else "squared length of the scene")}
+            labels["field"] = Labels(axes, self._field, "1" if near else "length of the scene")
+        return labels | {"intensity": Labels(axes, intensity, "1" if near else "squared length of the scene")}
 
     def _numbers(self) -> Mapping[str, str | int | float | bool]:
         report = self.report
@@ -296,7 +296,7 @@ def rendered(
         realizations=1 if budget.seconds is not None else realizations or 1,
     )  # fmt: skip
     budget = _without_seconds(choose, budget, realizations or 1)
-    made = choose(budget)
+    plan = choose(budget)
     each = math.prod(scene.illumination.images) * (8 if scene.illumination.coherent else 4)  # bytes of a view
     held = (realizations or 1) * math.prod(scene.sensor.shape) * each
     require_memory(
@@ -304,29 +304,29 @@ def rendered(
         "Render fewer at a time, each range under a seed of its own.", share=0.9,
     )  # fmt: skip
     require_time(
-        f"{budget.owner} paths", made.seconds_of(realizations or 1), f"{made.paths} paths, {realizations or 1} media",
+        f"{budget.owner} paths", plan.seconds_of(realizations or 1), f"{plan.paths} paths, {realizations or 1} media",
         "Ask for fewer paths, or for a larger rel_error.",
     )  # fmt: skip
     remedy = "" if sampler == "auto" else ' Leave the choice to sampler="auto".'
-    for doubt in made.doubts:
+    for doubt in plan.doubts:
         warn_user(f"{doubt}.{remedy}")
-    images, connections, unfinished = _drawn(made, budget.seed, realizations or 1, budget.threads)
+    images, connections, unfinished = _drawn(plan, budget.seed, realizations or 1, budget.threads)
     if mean:
         images = images + mean_field(scene).astype(np.complex64)
     require_finite(images)
     if realizations is None:
         images = images[0]
     report = Report(
-        sampler=made.sampler,
-        summation=made.summation,
-        paths=made.paths,
+        sampler=plan.sampler,
+        summation=plan.summation,
+        paths=plan.paths,
         connections=connections,
         unfinished=unfinished,
-        expected_error=made.expected_error,
-        image_error=made.image_error,
-        gaussianity=made.gaussianity,
+        expected_error=plan.expected_error,
+        image_error=plan.image_error,
+        gaussianity=plan.gaussianity,
         mean_added=mean,
-        decisions=made.decisions,
+        decisions=plan.decisions,
     )
     if not scene.illumination.coherent:
         return SpeckleStack(None, images, report, scene)
@@ -362,11 +362,11 @@ def _without_seconds(choose: Callable[[Budget], Plan], budget: Budget, realizati
         return budget
 
     def pilot(count: int) -> float:
-        made = choose(replace(budget, paths=count, rel_error=None, seconds=None))
-        seed = pilot_seed(made.scene.unitless_fingerprint())
+        plan = choose(replace(budget, paths=count, rel_error=None, seconds=None))
+        seed = pilot_seed(plan.scene.unitless_fingerprint())
         with estimated_anew(seed):
-            _drawn(made, seed, 1, budget.threads)
-        return made.expected_error
+            _drawn(plan, seed, 1, budget.threads)
+        return plan.expected_error
 
     wanted = None
     if budget.rel_error is not None:

@@ -95,12 +95,12 @@ def render_tiles(
         reject("render_tiles scene", served, obstacle or sampler, "Use render.")
     number = 0 if realization is None else whole_number("render_tiles realization", realization, 0, 2**63 - 1)
     budget = Budget("render_tiles", paths, rel_error, seed=seed, threads=threads, reverse=reverse)
-    made = planned(scene, budget, sampler=sampler, mean=mean, field_tolerance=field_tolerance, streamed=True)
-    require_time("render_tiles paths", made.seconds, f"{made.paths} paths", "Ask for fewer, or a larger rel_error.")
+    plan = planned(scene, budget, sampler=sampler, mean=mean, field_tolerance=field_tolerance, streamed=True)
+    require_time("render_tiles paths", plan.seconds, f"{plan.paths} paths", "Ask for fewer, or a larger rel_error.")
     remedy = "" if sampler == "auto" else ' Leave the choice to sampler="auto".'
-    for doubt in made.doubts:
+    for doubt in plan.doubts:
         warn_user(f"{doubt}.{remedy}")
-    pieces = made.chosen.prepare(seed, threads).fields(number)
+    pieces = plan.chosen.prepare(seed, threads).fields(number)
     return shielded_steps(_with_mean(pieces, scene if mean else None))
 
 
@@ -164,9 +164,11 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
     }
     with making(out) as temporary:
         group = zarr.create_group(str(temporary), attributes=_attributes(scene, arguments))
-        for name, dims, values, said in _axes(scene):
-            told: dict[str, Any] = {"long_name": said, "units": "1"}
-            axis = group.create_array(name, shape=values.shape, dtype="float64", dimension_names=dims, attributes=told)
+        for name, dims, values, meaning in _axes(scene):
+            attributes: dict[str, Any] = {"long_name": meaning, "units": "1"}
+            axis = group.create_array(
+                name, shape=values.shape, dtype="float64", dimension_names=dims, attributes=attributes
+            )
             axis[...] = values
         array = group.create_array(
             "field", shape=shape, chunks=chunks, dtype="complex64", dimension_names=("tilt", "y", "x"), attributes=about

@@ -408,15 +408,16 @@ def bound(name: str, method: Callable[..., Any], **given: Any) -> Call:
 
 def others() -> Iterator[Call]:
     """Public functions of coherence, instruments, materials, data sets and models."""
-    yield Call("materials.get", materials.get, {"name": "milk", "wavelength": 0.633}, ("name",))
+    skin = {"name": "skin", "wavelength": 0.633, "lobe": "von-mises-fisher"}
+    yield Call("materials.get", materials.get, skin, ("name",))
     yield Call("materials.about", materials.about, {"name": "milk"}, ("name",))
-    yield Call("materials.draw", materials.draw, {"name": "milk", "wavelength": 0.633, "seed": 0}, ("name",))
+    yield Call("materials.draw", materials.draw, skin | {"seed": 0}, ("name",))
     yield Call(
         "materials.memory_range",
         materials.memory_range,
         {
             "name": "intralipid", "wavelength": 0.633, "thickness": 500.0, "outside": (1.0, None), "unit": 1e-6,
-            "draws": 1, "paths": 300, "seed": 0,
+            "draws": 1, "paths": 300, "seed": 0, "lobe": None,
         },
         ("name",),
     )

@@ -14,6 +14,7 @@ KIN = {
     "registered-tilts": "material-regression",
     "star-behind-slab": "masked-light-slab",
     "tissue-microscope": "refocus-stack",
+    "wide-field": "unknown-slab",
 }
 """Recipes that another one's program draws, from other numbers or objects: slow tests look at them too."""
 

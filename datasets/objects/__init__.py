@@ -13,8 +13,9 @@ from specklegen.datasets.objects.glyphs import Glyphs
 from specklegen.datasets.objects.meshes import Meshes
 from specklegen.datasets.objects.patterns import Bars, Points
 from specklegen.datasets.objects.photographs import Photographs, Silhouettes
+from specklegen.datasets.objects.scan import Scan
 
 __all__ = [
     "AnyFamily", "Bars", "Blobs", "Digits", "Families", "Folder", "Glyphs", "Meshes", "ObjectFamily", "Photographs",
-     "Points", "Polygons", "Silhouettes", "Strokes",
+     "Points", "Polygons", "Scan", "Silhouettes", "Strokes",
 ]  # fmt: skip

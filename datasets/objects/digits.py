@@ -69,8 +69,8 @@ def _digits() -> Any:
         from sklearn.datasets import load_digits
     except ImportError:
         raise ImportError('Digits needs scikit-learn: pip install "specklegen-torch[digits]"') from None
-    found: Any = load_digits()
-    digest = hashlib.sha256(found.images.astype("u1").tobytes() + found.target.astype("u1").tobytes()).hexdigest()[:16]
+    data: Any = load_digits()
+    digest = hashlib.sha256(data.images.astype("u1").tobytes() + data.target.astype("u1").tobytes()).hexdigest()[:16]
     if digest != _DIGEST:
         reject("Digits data", f"those of SHA-256 {_DIGEST}...", digest, "Use another version of scikit-learn.")
-    return found
+    return data

@@ -88,7 +88,7 @@ class Families(ObjectFamily):
     def labels(self, source: Source) -> dict[str, float]:
         """Number of the family, and its own words; -1 for those that only others have. Files are numbered through."""
         number = int(source[0])
-        told = self.families[number].labels(source[1:])
-        if "file" in told:
-            told["file"] += sum(len(family.file_names) for family in self.families[:number])
-        return {"family": float(number)} | self._others | told
+        labels = self.families[number].labels(source[1:])
+        if "file" in labels:
+            labels["file"] += sum(len(family.file_names) for family in self.families[:number])
+        return {"family": float(number)} | self._others | labels

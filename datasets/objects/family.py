@@ -118,8 +118,8 @@ class ObjectFamily(Registered):
         """Objects of samples, float32[B, h, w], on the device of their draws; :meth:`image` for each."""
         import torch
 
-        made = np.stack([self.image(drawn.seed, drawn.split, n) for n in numbers])
-        return torch.from_numpy(made).to(drawn.device)
+        images = np.stack([self.image(drawn.seed, drawn.split, n) for n in numbers])
+        return torch.from_numpy(images).to(drawn.device)
 
     def identity(self) -> dict:
         """Everything that the pixels depend on, for the fingerprint of a data set."""

@@ -64,10 +64,10 @@ class FileFamily(ListedFamily):
         if not paths:
             kinds = f"a folder with {self._plural} ({', '.join(self._suffixes)})"
             reject(f"{name}.path", kinds, self.path, in_tables=_PATH)
-        found: dict[str, str] = {}
+        by_digest: dict[str, str] = {}
         for path in paths:
-            found.setdefault(self._digest(path), str(path))
-        return found
+            by_digest.setdefault(self._digest(path), str(path))
+        return by_digest
 
     @property
     def file_names(self) -> tuple[str, ...]:
@@ -136,8 +136,8 @@ class FileFamily(ListedFamily):
         contents = hashlib.sha256("".join(sorted(self.files)).encode()).hexdigest()
         stated = {**self.model_dump(mode="json", exclude={"path"}), self._plural: contents}
         if self._labels:
-            told = "".join(f"{digest} {self._labels[digest]}\n" for digest in sorted(self._labels))
-            stated["labels"] = hashlib.sha256(told.encode()).hexdigest()
+            listing = "".join(f"{digest} {self._labels[digest]}\n" for digest in sorted(self._labels))
+            stated["labels"] = hashlib.sha256(listing.encode()).hexdigest()
         return stated
 
     def unchanged(self, source: Source) -> tuple[Path, str]:

@@ -124,8 +124,8 @@ def _photograph(name: str) -> np.ndarray:
             name,
             "This build left its pictures out: install scikit-image from its wheel.",
         )
-    found = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-    if found != _FILES[name]:
-        reject("Photographs file", f"{name} of SHA-256 {_FILES[name]}...", found,
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    if digest != _FILES[name]:
+        reject("Photographs file", f"{name} of SHA-256 {_FILES[name]}...", digest,
                "This scikit-image carries another picture under its name: use another version.")  # fmt: skip
     return read_grey(path)

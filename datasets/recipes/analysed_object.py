@@ -63,11 +63,11 @@ def polarisers(analyser: Analyser) -> Polarisers:
 def known_behind(slab: Slab, analyser: Analyser, paths: int) -> PolarisedCorrelation:
     """Find the memory effect of a slab behind an analyser, from the same paths behind all of them."""
     seed = pilot_seed(slab.unitless_fingerprint())
-    found = estimate_polarised_correlation(slab, polarisers(analyser), paths, seed)
-    if not found.weights.any():
+    correlation = estimate_polarised_correlation(slab, polarisers(analyser), paths, seed)
+    if not correlation.weights.any():
         reject("Material.kernel_paths", f"enough for some light to come through the slab and the analyser {analyser}",
                paths)  # fmt: skip
-    return found
+    return correlation
 
 
 @dataclass(frozen=True)
@@ -86,10 +86,10 @@ class BehindAnalysers:
         """K float64[A, A, h, w] between all of them, or float64[h, w] behind the first."""
         if qx.ndim == 2:
             return self.each[0].planar(qx, qy)
-        found = np.zeros(qx.shape)
+        correlation = np.zeros(qx.shape)
         for n, own in enumerate(self.each):
-            found[n, n] = own.planar(qx[n, n], qy[n, n])
-        return found
+            correlation[n, n] = own.planar(qx[n, n], qy[n, n])
+        return correlation
 
 
 @dataclass(frozen=True)
@@ -126,15 +126,15 @@ class BehindMosaic:
         mixed = between - (along + across) / 2
         axes = np.array([[np.cos(a), np.sin(a)] for a in self.angles[: 1 if alone else None]])
         x, y = axes[:, 0], axes[:, 1]
-        found = (
+        correlation = (
             np.multiply.outer(np.outer(x, x), along) + np.multiply.outer(np.outer(y, y), across)
             + np.multiply.outer(np.outer(x, y) + np.outer(y, x), mixed)
         )  # fmt: skip
         total, less = (float(one.weights.sum()) for one in self.each[:2])
         cross = float(self.each[2].weights.sum()) - (total + less) / 2
         lit = np.sqrt(x * x * total + y * y * less + 2 * x * y * cross)
-        found /= np.outer(lit, lit)[:, :, None, None]
-        return found[0, 0] if alone else found
+        correlation /= np.outer(lit, lit)[:, :, None, None]
+        return correlation[0, 0] if alone else correlation
 
 
 @dataclass(frozen=True)
@@ -225,8 +225,8 @@ class AnalysedObject(HiddenObject):
     def images_layout(self) -> dict[str, ArraySpec]:
         """Layout of what :meth:`named` names."""
         each = self.pictures, "one camera image an analyser"
-        count, told = each if self.mosaic is None else (1, "raw image of a mosaic of polarisers")
-        return {"stack": self.observation((count, *self.camera_shape), ("analyser", "y", "x"), told)}
+        count, description = each if self.mosaic is None else (1, "raw image of a mosaic of polarisers")
+        return {"stack": self.observation((count, *self.camera_shape), ("analyser", "y", "x"), description)}
 
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
         """Images behind all analysers."""
@@ -255,8 +255,8 @@ class AnalysedObject(HiddenObject):
         self, drawn: Addresses, numbers: Sequence[int]
     ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """No tilt; once an analyser, as they are base tilts to the modes."""
-        angles, told = super().tilts_of(drawn, numbers)
-        return angles.repeat(1, self.pictures, 1), told
+        angles, parameters = super().tilts_of(drawn, numbers)
+        return angles.repeat(1, self.pictures, 1), parameters
 
     def extremes(self) -> list[MediumView]:
         """Media at the ends of every range, behind every analyser."""
@@ -267,23 +267,23 @@ class AnalysedObject(HiddenObject):
 
     def idealisations(self, scene: Scene) -> list[Decision]:
         """What is left out of every image, and of the two together."""
-        told = Decision("analysers", True, "fields behind two of them are independent of each other, but for 0.005")
+        fields = Decision("analysers", True, "fields behind two of them are independent of each other, but for 0.005")
         exposed = Decision("one exposure for all analysers", False, "idealised: every image has the mean photons of "
                            "the exposure, however little light its analyser passes")  # fmt: skip
         longer = self.exposure is not None and self.pictures > 1 and self.mosaic is None
-        return [*super().idealisations(scene), told, *([exposed] if longer else [])]
+        return [*super().idealisations(scene), fields, *([exposed] if longer else [])]
 
     def seen_media(self, drawn: Addresses, numbers: Sequence[int], materials: Materials) -> DrawnMedia:
         """Draw what is seen of media; their memory effect is that of polarised light."""
-        slabs = [self._polarised(made()) for made in materials.slabs]  # type: ignore[arg-type]
+        slabs = [self._polarised(make()) for make in materials.slabs]  # type: ignore[arg-type]
         every = dict.fromkeys((*self._drawn, *_BOTH))
         behind = {each: [self._known(slab, each) for slab in slabs] for each in every}
         put = lambda rows: torch.tensor(rows, dtype=torch.float64).to(drawn.device)  # noqa: E731
         lit = {each: put([float(k.weights.sum()) for k in known]) for each, known in behind.items()}
         total = sum(lit[each] for each in _BOTH)
-        told = {f"analyser_share_{n}": (total if self._whole else lit[each]) / total
-                for n, each in enumerate(self._seen)}  # fmt: skip
-        told["polarisation_degree"] = (lit["parallel"] - lit["crossed"]) / total
+        parameters = {f"analyser_share_{n}": (total if self._whole else lit[each]) / total
+                      for n, each in enumerate(self._seen)}  # fmt: skip
+        parameters["polarisation_degree"] = (lit["parallel"] - lit["crossed"]) / total
         if self._whole:
             known = [_sum_of(behind[_BOTH[0]][n], behind[_BOTH[1]][n]) for n in range(len(slabs))]
         elif self.mosaic is not None:
@@ -293,7 +293,7 @@ class AnalysedObject(HiddenObject):
         else:
             known = [BehindAnalysers(tuple(behind[each][n] for each in self._drawn)) for n in range(len(slabs))]
         seen = replace(
-            materials, parameters=materials.parameters | told, correlations=_correlations.Tabulated(known),
+            materials, parameters=materials.parameters | parameters, correlations=_correlations.Tabulated(known),
             slabs=tuple(partial(_same, slab) for slab in slabs),
         )  # fmt: skip
         return super().seen_media(drawn, numbers, seen)
@@ -303,12 +303,12 @@ class AnalysedObject(HiddenObject):
 
     def requests(self, media: DrawnMedia) -> list[tuple[list[int], MediaRequest]]:
         """What is asked of the sampler; without an analyser both components add up by their shares."""
-        found = super().requests(media)
+        requests = super().requests(media)
         if not self._whole:
-            return found
+            return requests
         whole = []
-        for places, request in found:
-            rows = [[self._known(made(), each) for each in _BOTH] for made in request.media]  # type: ignore[arg-type]
+        for places, request in requests:
+            rows = [[self._known(make(), each) for each in _BOTH] for make in request.media]  # type: ignore[arg-type]
             lit = torch.tensor([[float(k.weights.sum()) for k in row] for row in rows], dtype=torch.float64)
             shares = (lit / lit.sum(1, keepdim=True)).to(media.tilts.device)
             light = _correlations.LightBatch(

@@ -58,7 +58,7 @@ class Speed(Value):
     @property
     def speed(self) -> Any:
         """The number that was given."""
-        return next(found for found in (self.diffusion, self.tau0, self.correlation_time) if found is not None)
+        return next(value for value in (self.diffusion, self.tau0, self.correlation_time) if value is not None)
 
     def require_speed(self, owner: str, which: str = "") -> None:
         """Refuse none or several of the three, and a number that is not above 0 or infinite.
@@ -133,12 +133,12 @@ def filmed_media(
     put = lambda rows: torch.from_numpy(np.array(rows)).to(drawn.device, non_blocking=True)  # noqa: E731
     shares = put([each.shares(own) for each, own in zip(known, x, strict=True)])
     film = FilmBatch(put([each.radius for each in known]), shares, _mixtures.mixture, between)
-    told = {
+    dynamics = {
         "diffusion": 1 / (np.square(2 * np.pi / recipe.wavelength) * tau0), "tau0": tau0,
         "correlation_time": np.array([each.decay() for each in known]) * tau0,
         "static_share": np.array([each.static_share for each in known]),
     }  # fmt: skip
-    parameters = media.parameters | {name: put(rows) for name, rows in told.items()}
+    parameters = media.parameters | {name: put(rows) for name, rows in dynamics.items()}
     return replace(media, parameters=parameters, still=torch.zeros_like(media.still), film=film)
 
 

@@ -202,12 +202,12 @@ class ContrastMap(Recipe):
                         [0.0], self.wavelength)[0]
             for slab, depth, radius in places
         ]  # fmt: skip
-        found = tuple(
+        counts = tuple(
             max(_instants(light, duration, self.exposures) for light in lights) for duration in self.exposures.durations
         )
-        if sum(found) > _MOST_INSTANTS:
-            _reject_instants(self.exposures, list(found))
-        return found
+        if sum(counts) > _MOST_INSTANTS:
+            _reject_instants(self.exposures, list(counts))
+        return counts
 
     @property
     def pictures(self) -> int:
@@ -238,14 +238,14 @@ class ContrastMap(Recipe):
 
     def extremes(self) -> list[VolumeView]:  # type: ignore[override]
         """Tissues at the ends of every range, seen from afar: what light comes back from them."""
-        found = []
+        views = []
         for slab in self.material.extremes():
             width = max(100 * slab.thickness, 1000 * self.wavelength)
             light = CollimatedBeams(directions=np.array([[0.0, 0.0, 1.0]]), width=width)
             sensor = FarFieldGrid(shape=(2, 2), pitch=self.wavelength / (4 * width), side="reflection")
             scene = Scene(wavelength=self.wavelength, medium=cast(Slab, slab), illumination=light, sensor=sensor)
-            found.append(VolumeView(scene, scene))
-        return found
+            views.append(VolumeView(scene, scene))
+        return views
 
     def drawn_media(self, drawn: Addresses, numbers: Sequence[int]) -> list[tuple[list[int], DrawnMedia]]:
         """Draw media one by one: tissues, vessels and what follows from them."""
@@ -304,16 +304,18 @@ class SurfaceMedia(VolumeMedia):
 def surface_medium(recipe: ContrastMap, seed: Any, split: Split, number: int) -> SurfaceMedium:
     """One medium of a recipe: its tissue and vessel, how its speckle forgets at each pixel, and its contrast."""
     material = cast(Material, recipe.material)
-    slab, told = material.drawn_medium(generator(substream(seed, split, Purpose.MATERIAL, number)), split)
+    slab, values = material.drawn_medium(generator(substream(seed, split, Purpose.MATERIAL, number)), split)
     rng = generator(substream(seed, split, Purpose.OUTLINE, number))
     own = {name: float(drawn(getattr(recipe.vessel, name), rng)) for name in _NUMBERS}
     vessel = Vessel(
         own["depth"], own["radius"], own["speed"], recipe.vessel.profile, own["diffusion"], own["tissue_diffusion"]
     )
-    found = _surface(recipe, slab, vessel, own["angle"], own["offset"])
-    told |= {"wavelength": recipe.wavelength, "pixel_pitch": recipe.pixel_pitch}
-    told |= {"ballistic_fraction": straight_through(slab), "estimator": float(Estimator.PATHS)}
-    return replace(found, parameters=told | {f"vessel_{name}": value for name, value in own.items()} | found.parameters)
+    medium = _surface(recipe, slab, vessel, own["angle"], own["offset"])
+    values |= {"wavelength": recipe.wavelength, "pixel_pitch": recipe.pixel_pitch}
+    values |= {"ballistic_fraction": straight_through(slab), "estimator": float(Estimator.PATHS)}
+    return replace(
+        medium, parameters=values | {f"vessel_{name}": value for name, value in own.items()} | medium.parameters
+    )
 
 
 @remembered(8)

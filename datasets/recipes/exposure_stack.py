@@ -153,8 +153,8 @@ class ExposureStack(Recipe):
     def _contrasts(self, media: DrawnMedia) -> dict[str, torch.Tensor]:
         """K^2 of every exposure as it is drawn."""
         assert media.film is not None
-        found = contrasts_squared(media.film.shares.sum(-1).square(), lag_weights(self.instants))
-        return {f"contrast_squared_{place}": each for place, each in enumerate(found.unbind(-1))}
+        contrasts = contrasts_squared(media.film.shares.sum(-1).square(), lag_weights(self.instants))
+        return {f"contrast_squared_{place}": each for place, each in enumerate(contrasts.unbind(-1))}
 
     def later_frames(self, drawn: Addresses, numbers: Sequence[int]) -> torch.Tensor | None:
         """Keys int64[M, halves, F - 1, 2] of the fields of all instants but the first."""
@@ -195,13 +195,13 @@ def instant_lags(instants: Sequence[int], durations: Sequence[float]) -> tuple[n
 
 def lag_weights(instants: Sequence[int]) -> np.ndarray:
     """Weights float64[E, F + 1] of |g1|^2 at those lags in K^2 of each exposure: the mean over pairs of instants."""
-    found, first = np.zeros((len(instants), sum(instants) + 1)), 0
-    for own, count in zip(found, instants, strict=True):
+    weights, first = np.zeros((len(instants), sum(instants) + 1)), 0
+    for own, count in zip(weights, instants, strict=True):
         apart = np.arange(1, count)
         own[0] = 1 / count
         own[first + 1 : first + count] = 2 * (count - apart) / count**2
         first += count
-    return found
+    return weights
 
 
 def contrasts_squared(left: torch.Tensor, weights: np.ndarray) -> torch.Tensor:

@@ -139,9 +139,9 @@ class SpeckleGenerator:
         """Say how batches are made: by which sampler, and what the host does."""
         rendering = self.recipe.rendering
         host = [*self.recipe.host_work()]
-        said = {"sampler": "chosen for each medium" if rendering is None else rendering.name,
-                "device": str(self.device), "host": host}  # fmt: skip
-        return said | {"graphs": self.run.report() if isinstance(self.run, Graphs) else "none"}
+        report = {"sampler": "chosen for each medium" if rendering is None else rendering.name,
+                  "device": str(self.device), "host": host}  # fmt: skip
+        return report | {"graphs": self.run.report() if isinstance(self.run, Graphs) else "none"}
 
     def held(self) -> list[Any]:
         """All that is kept for samples to come: media, their spectra, what media share."""
@@ -153,22 +153,22 @@ class SpeckleGenerator:
         recipe, drawn = self.recipe, self.drawn
         parts = recipe.drawn_media(drawn, numbers)
         groups: list[tuple[list[int], Any]] = []
-        told: dict[str, list[tuple[list[int], torch.Tensor]]] = {}
+        values: dict[str, list[tuple[list[int], torch.Tensor]]] = {}
         for places, media in parts:
             for some, rendering in renderings(recipe, media):
                 of = media if len(some) == len(media) else media.at(some)
                 at = [places[n] for n in some]
-                groups += [([at[n] for n in own], made) for own, made in self._prepared(of, rendering)]
+                groups += [([at[n] for n in own], imaging) for own, imaging in self._prepared(of, rendering)]
                 whole = partial(torch.full, (len(at),), dtype=torch.float64, device=self.device)
                 sampler, error = float(number_of(rendering.chosen)), rendering.expected_error
                 own = of.parameters | {"sampler": whole(sampler), "expected_error": whole(error)}
                 for name, value in own.items():
-                    told.setdefault(name, []).append((at, value))
+                    values.setdefault(name, []).append((at, value))
         at_place: dict[int, tuple[int, int]] = {}
         for group, (places, _) in enumerate(groups):
             at_place |= {place: (group, n) for n, place in enumerate(places)}
         whole_drawn = _together(parts, len(numbers))
-        parameters = {name: _scattered(rows, len(numbers)) for name, rows in told.items()}
+        parameters = {name: _scattered(rows, len(numbers)) for name, rows in values.items()}
         ordered = [at_place[n] for n in range(len(numbers))]
         streams = self._streams(numbers, whole_drawn)._replace(shares=recipe.polarisation_shares(parameters))
         return ReadyMedia(whole_drawn, groups, ordered, parameters, streams)
@@ -177,13 +177,13 @@ class SpeckleGenerator:
         """Media made ready by the sampler that was planned for them; all that are alike share what is made."""
         recipe = self.recipe
         if rendering.chosen.medium_by_medium:  # planned for the scene of each
-            found: list[tuple[list[int], Any]] = []
+            groups: list[tuple[list[int], Any]] = []
             for n in range(len(media)):
                 ((_, request),) = recipe.requests(media.at([n]))
                 scene, paths = recipe.path_scene(media, n), recipe.material.kernel_paths
                 chosen = planned_whole(scene, paths, type(rendering.chosen)).chosen
-                found += [([n], made) for _, made in chosen.prepare_media(request)]
-            return found
+                groups += [([n], imaging) for _, imaging in chosen.prepare_media(request)]
+            return groups
         if recipe.media_alike:
             with self._lock:
                 if self._shared is None:
@@ -205,23 +205,23 @@ class SpeckleGenerator:
     def _ready(self, numbers: list[int]) -> list[tuple[ReadyMedia, int]]:
         """Media made ready, and where each is; those that come again are kept."""
         if not self.recipe.shares_media:
-            made = self.media(numbers)
-            return [(made, n) for n in range(len(numbers))]
+            batch = self.media(numbers)
+            return [(batch, n) for n in range(len(numbers))]
         with self._lock:
-            found = {number: self._media[number] for number in numbers if number in self._media}
-        missing = [number for number in dict.fromkeys(numbers) if number not in found]
+            ready = {number: self._media[number] for number in numbers if number in self._media}
+        missing = [number for number in dict.fromkeys(numbers) if number not in ready]
         if missing:
-            made = self.media(missing)
-            found |= {number: (made, n) for n, number in enumerate(missing)}
+            batch = self.media(missing)
+            ready |= {number: (batch, n) for n, number in enumerate(missing)}
         with self._lock:  # others may have dropped by now what was there
             for number in numbers:
-                self._media[number] = found[number]
+                self._media[number] = ready[number]
                 self._media.move_to_end(number)
             most = KEPT if self.device.type == "cpu" else max(KEPT, self.recipe.media or 0)
             while len(self._media) > most:
                 dropped, _ = self._media.popitem(last=False)
                 self._spectra.pop(dropped, None)
-        return [found[number] for number in numbers]
+        return [ready[number] for number in numbers]
 
     def _batch(self, numbers: list[int]) -> dict[str, Any]:
         recipe = self.recipe
@@ -230,30 +230,30 @@ class SpeckleGenerator:
         lit = recipe.lit(self.drawn, numbers)
         images = self._images(media, ready, lit)
         whole = ready[0][0]
-        if all(made is whole for made, _ in ready):
+        if all(batch is whole for batch, _ in ready):
             places = [n for _, n in ready]
             parameters = {name: value[places] for name, value in whole.parameters.items()}
             tilts = whole.drawn.tilts[places]
         else:
             parameters = {
-                name: torch.stack([made.parameters[name][n] for made, n in ready]) for name in whole.parameters
+                name: torch.stack([batch.parameters[name][n] for batch, n in ready]) for name in whole.parameters
             }
-            tilts = torch.stack([made.drawn.tilts[n] for made, n in ready])
+            tilts = torch.stack([batch.drawn.tilts[n] for batch, n in ready])
         parameters |= lit.parameters
         left = recipe.light.halves**-0.5 * recipe.contrast_left(parameters)
         parameters["expected_contrast"] = self._contrasts(ready, lit) * left
         parameters["medium"] = self.drawn.put(media).to(torch.float64)
         images = recipe.on_sensor(images, parameters)
-        bench, found = recipe.bench, {}
+        bench, settings = recipe.bench, {}
         if bench is not None:
-            found = bench.found(parameters)
-            images = bench.seen(images, found, bench.keys(self.drawn, numbers))
+            settings = bench.found(parameters)
+            images = bench.seen(images, settings, bench.keys(self.drawn, numbers))
         if recipe.exposure is not None:
             keys = self.drawn.keys(Stream.CAMERA, self.drawn.words(numbers, exposure.NOISES))
             if bench is None:
                 images = exposure.expose(recipe.exposure, images, keys)
             else:
-                images = bench.exposed(images, found, keys, recipe.exposure)
+                images = bench.exposed(images, settings, keys, recipe.exposure)
         named = recipe.named(images, tilts, parameters) | lit.arrays
         return named | {"index": self.drawn.put(numbers), "parameters": parameters}
 
@@ -261,10 +261,10 @@ class SpeckleGenerator:
         """Images over their expected value, float32[B, T or F, H, W]."""
         shape = (self.recipe.pictures, *self.recipe.camera_shape)
         images = torch.zeros((len(media), *shape), device=self.device)
-        for places, made, imaging in _grouped(ready):
-            for some in _chunks(places, self._chunk(imaging, made.streams)):
+        for places, batch, imaging in _grouped(ready):
+            for some in _chunks(places, self._chunk(imaging, batch.streams)):
                 at = self.drawn.put(some)
-                images[at] = self._rendered([media[p] for p in some], imaging, made, [ready[p][1] for p in some],
+                images[at] = self._rendered([media[p] for p in some], imaging, batch, [ready[p][1] for p in some],
                                             lit.at(at))  # fmt: skip
         return images
 
@@ -306,14 +306,14 @@ class SpeckleGenerator:
     def _spectra_of(self, medium: int, imaging: Imaging, made: ReadyMedia, place: int) -> torch.Tensor:
         """Spectra of one medium, complex64[1, F, pairs, n, m], kept for all objects behind it."""
         with self._lock:
-            found = self._spectra.get(medium)
-        if found is None:
+            spectra = self._spectra.get(medium)
+        if spectra is None:
             some = imaging.at(slice(made.at[place][1], made.at[place][1] + 1))
-            found = some.media(made.streams.at([place])).shared().spectra
+            spectra = some.media(made.streams.at([place])).shared().spectra
             with self._lock:
                 if medium in self._media:  # else nobody would drop them
-                    self._spectra[medium] = found
-        return cast(torch.Tensor, found)
+                    self._spectra[medium] = spectra
+        return cast(torch.Tensor, spectra)
 
     def _chunk(self, imaging: Any, streams: Streams) -> int:
         """Samples rendered at once, the same for every batch: companions do not matter. On the CPU one."""
@@ -330,26 +330,26 @@ class SpeckleGenerator:
 
     def _contrasts(self, ready: list[tuple[ReadyMedia, int]], lit: Lit) -> torch.Tensor:
         """Expected contrast float64[B] of the images under polarised light; 1 of beams that interfere."""
-        found = torch.ones(len(ready), dtype=torch.float64, device=self.device)
+        contrasts = torch.ones(len(ready), dtype=torch.float64, device=self.device)
         if lit.step is not None:
-            return found
-        for places, made, imaging in _grouped(ready):
+            return contrasts
+        for places, batch, imaging in _grouped(ready):
             # In chunks of one size on a device, where an operator is compiled anew for every number of samples.
             for some in [places] if self.one_by_one else _chunks(places, CHUNK):
-                within = self.drawn.put([made.at[ready[place][1]][1] for place in some])
+                within = self.drawn.put([batch.at[ready[place][1]][1] for place in some])
                 at = self.drawn.put(some)
-                found[at] = imaging.contrast(lit.light[at], within)
-        return found
+                contrasts[at] = imaging.contrast(lit.light[at], within)
+        return contrasts
 
 
 def _grouped(ready: list[tuple[ReadyMedia, int]]) -> Iterator[tuple[list[int], ReadyMedia, Any]]:
     """Samples whose media are rendered together: their places, the media, and what images them."""
     members: dict[tuple[int, int], list[int]] = {}
-    for place, (made, n) in enumerate(ready):
-        members.setdefault((id(made), made.at[n][0]), []).append(place)
+    for place, (batch, n) in enumerate(ready):
+        members.setdefault((id(batch), batch.at[n][0]), []).append(place)
     for places in members.values():
-        made, n = ready[places[0]]
-        yield places, made, made.groups[made.at[n][0]][1]
+        batch, n = ready[places[0]]
+        yield places, batch, batch.groups[batch.at[n][0]][1]
 
 
 def _drawn_and_seen(

@@ -275,13 +275,13 @@ class HiddenObject(Recipe):
             assert self.camera is not None
             width = self.wavelength * (pixels / self.camera.pixels_per_grain) / (pitch * side)
         sight = self.sight(drawn, self.objects.shape, pitch, torch.sin(angles), width)
-        said, bench = sight.width, {}
+        stated, bench = sight.width, {}
         if self.bench is not None:
             aperture, degree = self.bench.of_media(drawn, numbers)
             bench = {"bench_aperture": aperture, "bench_polarisation": degree}
             sight = replace(sight, width=sight.width * aperture)
         parameters = materials.parameters | {
-            "width": said,
+            "width": stated,
             "camera_pitch": sight.camera_pitch,
             "object_pitch": pitch,
             "extent_over_range": pitch * side / materials.range_sine(self.wavelength),
@@ -296,13 +296,13 @@ class HiddenObject(Recipe):
     def lit(self, drawn: "Addresses", numbers: Sequence[int]) -> Lit:
         """Objects, what is told of them, and where they lie."""
         light = self.objects.images(drawn, numbers)
-        found = {} if self.bench is None else self.bench.of_samples(drawn, numbers)
+        settings = {} if self.bench is None else self.bench.of_samples(drawn, numbers)
         if self.bench is not None:
-            light = self.bench.moved(light, found)
+            light = self.bench.moved(light, settings)
         sources = [self.objects.source(drawn.seed, drawn.split, n) for n in numbers]
         labels = [self.objects.labels(source) for source in sources]
         put = lambda rows: torch.tensor(rows, dtype=torch.float64).to(drawn.device)  # noqa: E731
-        told = {name: put([each[name] for each in labels]) for name in labels[0]}
+        parameters = {name: put([each[name] for each in labels]) for name in labels[0]}
         if self.bench is not None:
-            told |= self.bench.told(found)
-        return Lit(light, None, told | dict(zip(CENTRE, centres_of(light), strict=True)), {"object": light})
+            parameters |= self.bench.told(settings)
+        return Lit(light, None, parameters | dict(zip(CENTRE, centres_of(light), strict=True)), {"object": light})

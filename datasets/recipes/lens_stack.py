@@ -175,11 +175,11 @@ class LensStack(Recipe):
 
     def extremes(self) -> list[VolumeView]:  # type: ignore[override]
         """Media at the ends of every range, by the directions that any of their planes takes."""
-        found = []
+        views = []
         for medium in self.material.extremes():
             seen = self.lenses(medium, self._end_foci)[0].pupil_scene  # type: ignore[arg-type]
-            found.append(VolumeView(seen, seen))
-        return found
+            views.append(VolumeView(seen, seen))
+        return views
 
     def drawn_media(self, drawn: "Addresses", numbers: Sequence[int]) -> "list[tuple[list[int], DrawnMedia]]":
         """Draw media one by one: the medium, the planes, and the power that the lens takes."""
@@ -188,21 +188,21 @@ class LensStack(Recipe):
     def _drawn(self, drawn: "Addresses", number: int) -> "LensMedia":
         where = drawn.seed, drawn.split
         material = cast(Material | LayeredMaterial, self.material)
-        medium, told = material.drawn_medium(generator(substream(*where, Purpose.MATERIAL, number)), drawn.split)
+        medium, values = material.drawn_medium(generator(substream(*where, Purpose.MATERIAL, number)), drawn.split)
         first = drawn_focus(self.lens.focus, drawn.seed, drawn.split, number)  # type: ignore[arg-type]
         foci = self.lens.foci(first)
         lenses = self.lenses(medium, foci)
         unit, error = taken_power(lenses[0].pupil_scene, self.lens.pupil, material.kernel_paths)
         seen = VolumeView(lenses[0].pupil_scene, lenses[0].pupil_scene)
         width = lenses[0].scene.beams.width
-        told = told | {"wavelength": self.wavelength, "width": width, "focus": first, "mean_error": error}
+        values = values | {"wavelength": self.wavelength, "width": width, "focus": first, "mean_error": error}
         put = lambda rows: torch.tensor(np.asarray(rows), dtype=torch.float64)[None].to(drawn.device)  # noqa: E731
         one = put(1.0)
         sight = Sight(
             wavelength=self.wavelength, profile=self.profile, shape=(1, 1), camera=self.camera_shape,
             center=(0.0, 0.0), integrated=False, width=one, object_pitch=one, camera_pitch=one, base=put([[0.0, 0.0]]),
         )  # fmt: skip
-        parameters = {name: put(value) for name, value in told.items()}
+        parameters = {name: put(value) for name, value in values.items()}
         planes = put(np.stack([foci, 0 * foci], axis=-1))
         return LensMedia(seen, unit, DevelopedSpeckle(), sight, planes, parameters, one, lenses)
 
@@ -246,12 +246,12 @@ def taken_power(scene: Scene, pupil: Pupil, paths: int) -> tuple[float, float]:
 
     ``scene`` is seen from afar over the lens' ``pupil``: a square grid of views as wide as that.
     """
-    made = planned_whole(scene, paths, PathSums)
+    plan = planned_whole(scene, paths, PathSums)
     side = scene.grid.shape[0]
     power = np.square(np.abs(pupil.cells(side, 2 / side))).ravel()
     views = np.unique(np.searchsorted(power.cumsum() / power.sum(), (np.arange(_VIEWS) + 0.5) / _VIEWS))
     seed = pilot_seed(scene.unitless_fingerprint())
-    value, error = mean_intensity(made.chosen.pilot.tracer, made.reverse, views, seed, paths)  # type: ignore[attr-defined]
+    value, error = mean_intensity(plan.chosen.pilot.tracer, plan.reverse, views, seed, paths)  # type: ignore[attr-defined]
     if not value > 0:
         reject("Material.kernel_paths", "enough for some light to reach the lens", paths, "None does.")
     return value * float(power.sum()) * scene.grid.pitch**2 / scene.beams.window.area, error / value

@@ -253,11 +253,11 @@ class MaskedLight(Recipe):
         waves = np.stack([self.amplitudes(each) for each in loops])
         put = lambda rows: torch.from_numpy(np.asarray(rows)).to(drawn.device)  # noqa: E731
         area = np.array([self.mask.area(each) for each in masks])
-        told = {name: put([each[name] for each in masks]) for name in masks[0]}
+        parameters = {name: put([each[name] for each in masks]) for name in masks[0]}
         carried = np.array([float(np.square(np.abs(own)).sum()) for own in waves]) / area
-        told |= {"open_share": put(area), "carried_share": put(carried)}
+        parameters |= {"open_share": put(area), "carried_share": put(carried)}
         pictures = np.stack([_picture(each, self.pixels) for each in loops])
-        return Lit(put(waves), self.step, told, {"mask": put(pictures)})
+        return Lit(put(waves), self.step, parameters, {"mask": put(pictures)})
 
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
         """One image."""

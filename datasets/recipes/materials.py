@@ -64,10 +64,10 @@ class Materials:
         """Modes of light of a band in wavenumber, those of equally many together, and which media they are behind."""
         if not bandwidth:
             return [([*range(len(self))], None)]
-        found: dict[int, list[int]] = {}
-        modes = [known_light(made(), paths, bandwidth, light.spectrum) for made in self.slabs]  # type: ignore[arg-type]
+        by_count: dict[int, list[int]] = {}
+        modes = [known_light(make(), paths, bandwidth, light.spectrum) for make in self.slabs]  # type: ignore[arg-type]
         for place, own in enumerate(modes):
-            found.setdefault(len(own.shares), []).append(place)
+            by_count.setdefault(len(own.shares), []).append(place)
         put = lambda rows: torch.tensor(np.array(rows), dtype=torch.float64).to(self.half_range.device)  # noqa: E731
         return [
             (places, LightBatch(
@@ -75,7 +75,7 @@ class Materials:
                 tuple(Tabulated([modes[n].correlations[mode] for n in places]) for mode in range(count)),
                 put([modes[n].flat for n in places]),
             ))
-            for count, places in found.items()
+            for count, places in by_count.items()
         ]  # fmt: skip
 
 
@@ -95,13 +95,13 @@ def drawn_materials(
     """
     if not in_atlas(material):
         return [([*range(len(media))], _listed(material, drawn, media, wavelength))]
-    found, served = _looked_up(material, drawn, media, wavelength)
+    materials, served = _looked_up(material, drawn, media, wavelength)
     if drawn.device.type == "meta" or bool(served.all()):
-        return [([*range(len(media))], found)]
+        return [([*range(len(media))], materials)]
     yes = [place for place, own in enumerate(served.tolist()) if own]
     no = [place for place in range(len(media)) if place not in set(yes)]
     rest = (no, _listed(material, drawn, [media[place] for place in no], wavelength))
-    return [(yes, found.at(yes)), rest] if yes else [rest]
+    return [(yes, materials.at(yes)), rest] if yes else [rest]
 
 
 def in_atlas(material: Material) -> bool:
@@ -115,8 +115,8 @@ def _listed(material: Material, drawn: Addresses, media: Sequence[int], waveleng
     different = media if material.varies else media[:1]
     streams = (generator(substream(drawn.seed, drawn.split, Purpose.MATERIAL, medium)) for medium in different)
     known = [material.realized(rng, drawn.split) for rng in streams]
-    made = characterized_materials(material, known, wavelength, drawn.device)
-    return made if len(made) == len(media) else made.at([0] * len(media))
+    materials = characterized_materials(material, known, wavelength, drawn.device)
+    return materials if len(materials) == len(media) else materials.at([0] * len(media))
 
 
 def characterized_materials(
@@ -145,20 +145,20 @@ def _looked_up(
     thickness, depth, g, albedo = drawn.numbers(Purpose.MATERIAL, sources, media)
     mean_free_path = thickness / depth
     depth = thickness / mean_free_path
-    found = correlations(atlas_tables(drawn.device), thickness, depth, g, albedo, material.kernel_tolerance)
-    half, known = half_range(found.radius, found.share, found.single)
+    entry = correlations(atlas_tables(drawn.device), thickness, depth, g, albedo, material.kernel_tolerance)
+    half, known = half_range(entry.radius, entry.share, entry.single)
     sine = half * wavelength / (2 * torch.pi)
     whole = lambda value: torch.full_like(depth, value)  # noqa: E731
     parameters = {
         "wavelength": whole(wavelength), "thickness": thickness, "mean_free_path": mean_free_path,
         "optical_depth": depth, "g": g, "albedo": albedo, "ballistic_fraction": torch.exp(-depth),
-        "single_share": found.single, "forward_radiance": single_radiance(depth, 1 - g, albedo) / found.single,
+        "single_share": entry.single, "forward_radiance": single_radiance(depth, 1 - g, albedo) / entry.single,
         "memory_effect_range": torch.arcsin(sine.clamp(max=1.0)),
         "estimator": whole(float(Estimator.ATLAS)),
     }  # fmt: skip
     numbers = torch.stack([thickness, mean_free_path, albedo, g], -1)
     slabs = tuple(partial(_slab, numbers, place) for place in range(len(media)))
-    return Materials(parameters, Mixtures(found.radius, found.share, mixture), half, slabs), found.served & known
+    return Materials(parameters, Mixtures(entry.radius, entry.share, mixture), half, slabs), entry.served & known
 
 
 def _slab(numbers: torch.Tensor, place: int) -> Slab:

@@ -174,7 +174,7 @@ class DrawnMedia:
 def media_requests(recipe: Recipe, drawn: DrawnMedia) -> list[tuple[list[int], MediaRequest]]:
     """What is asked of a sampler for media, and for which."""
     window = Window(drawn.sight.profile, 1.0).area * drawn.sight.width.square()
-    found = []
+    requests = []
     for places, light in drawn.materials.light(recipe.light, drawn.bandwidth, recipe.material.kernel_paths):
         some = drawn if len(places) == len(drawn) else drawn.at(places)
         request = MediaRequest(
@@ -182,8 +182,8 @@ def media_requests(recipe: Recipe, drawn: DrawnMedia) -> list[tuple[list[int], M
             tolerance=recipe.mode_tolerance, media=some.materials.slabs, moved=some.moved,
             units=some.parameters["forward_radiance"] * window[places], shared=recipe.shares_media, film=some.film,
         )  # fmt: skip
-        found.append((places, request))
-    return found
+        requests.append((places, request))
+    return requests
 
 
 @remembered(16)
@@ -201,19 +201,19 @@ def medium_plan(recipe: Recipe, view: Planned) -> Plan:
         If path sums are needed, and have no model of what the recipe asks for.
     """
     paths = recipe.material.kernel_paths
-    made = plan(view.probe, paths=paths, sampler=recipe.sampler, envelope=False)
-    if recipe.moving and not made.chosen.films and made.sampler != "paths":
-        reject("Recipe.sampler", "one that knows frames of media that move", made.sampler,
+    probe_plan = plan(view.probe, paths=paths, sampler=recipe.sampler, envelope=False)
+    if recipe.moving and not probe_plan.chosen.films and probe_plan.sampler != "paths":
+        reject("Recipe.sampler", "one that knows frames of media that move", probe_plan.sampler,
                'Ask for sampler = "stationary".')  # fmt: skip
-    made = replace(made, decisions=told_by(recipe, view, made.decisions))
-    if not made.chosen.medium_by_medium:
-        return made
+    probe_plan = replace(probe_plan, decisions=told_by(recipe, view, probe_plan.decisions))
+    if not probe_plan.chosen.medium_by_medium:
+        return probe_plan
     obstacle = recipe.path_sum_obstacle
-    if obstacle and made.sampler == "paths":
-        why = next((d.reason for d in made.decisions if d.part == "stationary sampler"), "asked for")
+    if obstacle and probe_plan.sampler == "paths":
+        why = next((d.reason for d in probe_plan.decisions if d.part == "stationary sampler"), "asked for")
         reject("Recipe", f"without {obstacle} where media are rendered by path sums", recipe.name,
                f"The planner chose them: {why}. Widen the window, or ask for sampler = \"stationary\".")  # fmt: skip
-    return replace(planned_whole(view.full, paths, type(made.chosen)), decisions=made.decisions)
+    return replace(planned_whole(view.full, paths, type(probe_plan.chosen)), decisions=probe_plan.decisions)
 
 
 def told_by(recipe: Recipe, view: Planned, decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
@@ -224,10 +224,10 @@ def told_by(recipe: Recipe, view: Planned, decisions: tuple[Decision, ...]) -> t
 
 def by_one_sampler(plans: list[Plan]) -> list[Plan]:
     """Plans of a recipe's media; where they disagree, by the other sampler of those that have one."""
-    if len({made.chosen.name for made in plans}) < 2:
+    if len({each.chosen.name for each in plans}) < 2:
         return plans
-    found = [(made, made.chosen.instead(made.decisions)) for made in plans]
-    return [made if other is None else _planned_by(made, *other) for made, other in found]
+    pairs = [(each, each.chosen.instead(each.decisions)) for each in plans]
+    return [each if other is None else _planned_by(each, *other) for each, other in pairs]
 
 
 def _planned_by(made: Plan, chosen: Sampler, decisions: tuple[Decision, ...]) -> Plan:
@@ -249,14 +249,14 @@ def rendering_of(recipe: Recipe, plans: list[Plan]) -> Rendering | None:
     RuleError
         If the recipe is strict, and the sampler that it asks for unfit.
     """
-    doubts = sorted({doubt for made in plans for doubt in made.doubts})
+    doubts = sorted({doubt for each in plans for doubt in each.doubts})
     if doubts:
         remedy = "" if recipe.sampler == "auto" else ' Leave the choice to sampler = "auto".'
         if recipe.strict:
             reject("Recipe.sampler", "fit for all media where strict = true", recipe.sampler, f"{doubts[0]}.{remedy}")
         warn_user(f"recipe {recipe.name}: {doubts[0]}.{remedy}")
-    found = [planned_rendering(made) for made in plans]
-    return max(found, key=lambda made: made.expected_error) if len({made.name for made in found}) == 1 else None
+    options = [planned_rendering(each) for each in plans]
+    return max(options, key=lambda each: each.expected_error) if len({each.name for each in options}) == 1 else None
 
 
 def planned_rendering(made: Plan) -> Rendering:

@@ -211,17 +211,17 @@ class DynamicSlab(HiddenObject):
         if self.dynamics.velocities is None:
             assert self.dynamics.correlation_time is not None
             (time,) = drawn.numbers(Purpose.DYNAMICS, [self.dynamics.correlation_time], numbers)
-            told = media.parameters | {"correlation_time": time}
-            return replace(media, parameters=told, still=torch.exp(-1 / time))
+            parameters = media.parameters | {"correlation_time": time}
+            return replace(media, parameters=parameters, still=torch.exp(-1 / time))
         each = [number for both in self.dynamics.velocities for number in both]
-        found = drawn.numbers(Purpose.DYNAMICS, each, numbers)
+        components = drawn.numbers(Purpose.DYNAMICS, each, numbers)
         names = [f"velocity{m}_{axis}" for m in range(len(self.dynamics.velocities)) for axis in "xy"]
-        velocities = torch.stack(found, -1).unflatten(1, (-1, 2))
+        velocities = torch.stack(components, -1).unflatten(1, (-1, 2))
         frame = torch.arange(self.dynamics.frames, dtype=torch.float64, device=velocities.device)
         times = [self._correlation_time(media, n, motion) for n, motion in enumerate(velocities.tolist())]
-        told = media.parameters | dict(zip(names, found, strict=True))
-        told["correlation_time"] = torch.tensor(times, dtype=torch.float64).to(velocities.device)
-        return replace(media, parameters=told, moved=frame[:, None, None] * velocities[:, None])
+        parameters = media.parameters | dict(zip(names, components, strict=True))
+        parameters["correlation_time"] = torch.tensor(times, dtype=torch.float64).to(velocities.device)
+        return replace(media, parameters=parameters, moved=frame[:, None, None] * velocities[:, None])
 
     def _filmed(self, drawn: Addresses, numbers: Sequence[int], media: DrawnMedia) -> DrawnMedia:
         """Draw the speed of particles, and ask the paths of every material what it does to fields."""
@@ -245,17 +245,17 @@ class DynamicSlab(HiddenObject):
 
     def frames_correlation(self, ready: Medium) -> np.ndarray:
         """Correlation float64[F] of one beam's field in the first frame with that in every frame."""
-        steps, told = np.arange(self.dynamics.frames), ready.parameters
+        steps, values = np.arange(self.dynamics.frames), ready.parameters
         if self.dynamics.brownian:
             assert self.dynamics.interval is not None
             known = _brownian.moving(self.material, ready.ready.drawn.materials.slabs[0]())
-            return known.field(steps * self.dynamics.interval / told["tau0"])
+            return known.field(steps * self.dynamics.interval / values["tau0"])
         if self.dynamics.correlation_time is not None:
-            return np.exp(-steps / told["correlation_time"])
+            return np.exp(-steps / values["correlation_time"])
         assert isinstance(self.material, Diffuser)
-        motion = [(told[f"velocity{m}_x"], told[f"velocity{m}_y"]) for m in range(len(self.material.screens))]
-        stack = self.material.slab_of(told).stack.replace(velocities=motion)
-        return frame_correlation(stack, told["wavelength"], stack.moved(steps), Window(self.profile, told["width"]))
+        motion = [(values[f"velocity{m}_x"], values[f"velocity{m}_y"]) for m in range(len(self.material.screens))]
+        stack = self.material.slab_of(values).stack.replace(velocities=motion)
+        return frame_correlation(stack, values["wavelength"], stack.moved(steps), Window(self.profile, values["width"]))
 
     @property
     def path_sum_obstacle(self) -> str | None:

@@ -93,8 +93,8 @@ class PartiallyCoherent(Recipe):
         source = _source(self, drawn.device)
         (length,) = drawn.numbers(Purpose.OBJECT, [self.coherence_length], numbers)
         light = source.beams(length)
-        told = {"coherence_length": length, "effective_modes": source.effective_modes(light)}
-        return Lit(light, None, told, {})
+        parameters = {"coherence_length": length, "effective_modes": source.effective_modes(light)}
+        return Lit(light, None, parameters, {})
 
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
         """One image."""

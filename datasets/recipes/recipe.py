@@ -153,9 +153,9 @@ class Recipe(Specification):
     @property
     def rendering_note(self) -> str:
         """Say what renders the samples, and the idealisations, in sentences."""
-        told = self.idealisations(self.extremes()[0].probe)
-        kept = [f"{each.part.capitalize()}: {each.reason}." for each in told if each.needed]
-        left = [f"Left out: {each.part}, {each.reason}." for each in told if not each.needed]
+        decisions = self.idealisations(self.extremes()[0].probe)
+        kept = [f"{each.part.capitalize()}: {each.reason}." for each in decisions if each.needed]
+        left = [f"Left out: {each.part}, {each.reason}." for each in decisions if not each.needed]
         return " ".join([self._rendered_by, *kept, *left])
 
     @property
@@ -215,14 +215,14 @@ class Recipe(Specification):
 
     def host_work(self) -> list[str]:
         """What is made on the host, whatever the device, in words."""
-        said = [] if _materials.in_atlas(self.material) else ["the memory effect of every material"]
+        work = [] if _materials.in_atlas(self.material) else ["the memory effect of every material"]
         if self.rendering is None:
-            said.append("sums over paths, where they are chosen")
+            work.append("sums over paths, where they are chosen")
         elif self.rendering.chosen.medium_by_medium:
             sampler = self.rendering.name
-            said.append("sums over paths" if sampler == "paths" else f"media of the {sampler} sampler, one by one")
+            work.append("sums over paths" if sampler == "paths" else f"media of the {sampler} sampler, one by one")
         own = self.exposure is not None and is_own(type(self.exposure))
-        return [*said, "counts of a camera of a user's own"] if own else said
+        return [*work, "counts of a camera of a user's own"] if own else work
 
     def drawn_media(self, drawn: "Addresses", numbers: Sequence[int]) -> "list[tuple[list[int], DrawnMedia]]":
         """Draw media, those whose materials are known in the same way together, and which they are."""
@@ -294,7 +294,7 @@ class Recipe(Specification):
         """No fewer cells along (y, x) than any medium has: those at the ends of the ranges, tilted either way."""
         views = [view for view in self.extremes() if isinstance(view, MediumView)]
         put = lambda rows: torch.tensor(np.array(rows), dtype=torch.float64)  # noqa: E731
-        found = []
+        cells = []
         for turned in (False, True) if self.tilts_turn else (False,):
             base = [np.sin(view.tilts)[:, ::-1] if turned else np.sin(view.tilts) for view in views]
             sight = Sight(
@@ -303,8 +303,8 @@ class Recipe(Specification):
                 object_pitch=put([view.pitch for view in views]), base=put(base),
                 camera_pitch=put([view.seen.grid.pitch for view in views]),
             )  # fmt: skip
-            found.append(sight.most_cells)
-        rows, columns = np.max(found, axis=0).tolist()
+            cells.append(sight.most_cells)
+        rows, columns = np.max(cells, axis=0).tolist()
         return rows, columns
 
     @property

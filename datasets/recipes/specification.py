@@ -124,8 +124,8 @@ class Specification(Registered, Pictured):
                    self.material.preset)  # fmt: skip
         by_name = self.lab is not None and isinstance(self.material, PresetMaterial)  # whose wavelength is the lab's
         wavelength = None if by_name else self.material.wavelength
-        told = {"material.wavelength": wavelength, "window": self.window, "camera": self.camera}
-        stated = {name: told[name] for name in self.engine_terms}
+        terms = {"material.wavelength": wavelength, "window": self.window, "camera": self.camera}
+        stated = {name: terms[name] for name in self.engine_terms}
         given = [name for name, value in stated.items() if value is not None]
         if self.lab is not None and given:
             reject("Recipe.lab", "left out where the engine's terms are given", given, "Write one or the other.")
@@ -233,8 +233,8 @@ class Specification(Registered, Pictured):
 
     def _facts(self) -> Mapping[str, object]:
         """What a file of the recipe says, one row a table; fields that are left out say nothing."""
-        said = self.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True)
-        return {name: _row(value) for name, value in said.items()}
+        tables = self.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True)
+        return {name: _row(value) for name, value in tables.items()}
 
     @property
     def device(self) -> str:

@@ -102,5 +102,5 @@ class MaterialRegression(TiltStack):
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Stacks, their tilts, and what is to be told from them."""
         target = [parameters["g"], torch.log10(parameters["optical_depth"]), torch.log10(parameters["thickness"])]
-        found = super().named(images, tilts, parameters)
-        return {**found, "target": torch.stack(target, -1).to(torch.float32)}
+        arrays = super().named(images, tilts, parameters)
+        return {**arrays, "target": torch.stack(target, -1).to(torch.float32)}

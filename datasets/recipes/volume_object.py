@@ -50,8 +50,8 @@ class EstimatedContrast:
     def contrast(self, light: "torch.Tensor") -> "torch.Tensor":
         """Expected contrast float64[B] of images of objects real[B, h, w]."""
         rows = np.asarray(light.cpu().numpy(), np.float64).reshape(len(light), -1)
-        found = [np.sqrt(max(own @ (self.squares @ own), 0.0) / np.prod(self.powers @ own)) for own in rows]
-        return torch.tensor(np.array(found), device=light.device)
+        contrasts = [np.sqrt(max(own @ (self.squares @ own), 0.0) / np.prod(self.powers @ own)) for own in rows]
+        return torch.tensor(np.array(contrasts), device=light.device)
 
 
 class VolumeObject(VolumeRecipe, HiddenObject):
@@ -99,15 +99,15 @@ class VolumeObject(VolumeRecipe, HiddenObject):
 @remembered(16)
 def estimated_contrast(scene: Scene, paths: int) -> EstimatedContrast:
     """Contrast of objects made of a scene's beams, at the middle of its camera."""
-    made = planned_whole(scene, paths, PathSums)
-    pilot, (rows, columns) = made.chosen.pilot, scene.sensor.shape
+    plan = planned_whole(scene, paths, PathSums)
+    pilot, (rows, columns) = plan.chosen.pilot, scene.sensor.shape
     layout = pilot.tracer.layout.of_ends(slice(None), np.array([rows // 2 * columns + columns // 2]))
     most = max(_AMPLITUDES // len(scene.lights), 64)
 
     def covariance(half: PathBank) -> np.ndarray:
         once, more = half.single, half.multiple
         bidirectional = pilot.tracer.bidirectional
-        often = multiple_amplitudes(layout, more, bidirectional=bidirectional, reverse=made.reverse)
+        often = multiple_amplitudes(layout, more, bidirectional=bidirectional, reverse=plan.reverse)
         fields = np.concatenate([single_amplitudes(layout, once), often], axis=1)
         return fields @ fields.conj().T
 

@@ -191,7 +191,7 @@ class VolumeRecipe(Recipe):
         unit, error = expected_intensity(view.probe, self.material.kernel_paths)
         assert self.window is not None
         assert self.camera is not None
-        told = {
+        values = {
             "wavelength": self.wavelength,
             "thickness": slab.thickness,
             "mean_free_path": slab.mean_free_path,
@@ -211,7 +211,7 @@ class VolumeRecipe(Recipe):
             wavelength=self.wavelength, profile=self.profile, shape=self.object_shape, camera=self.camera.shape,
             center=(0.0, 0.0), integrated=False, width=one, object_pitch=one, camera_pitch=one, base=tilts,
         )  # fmt: skip
-        parameters = {name: put(value) for name, value in told.items()}
+        parameters = {name: put(value) for name, value in values.items()}
         return VolumeMedia(view, unit, self.contrast_of(view), sight, tilts, parameters, one)
 
     def requests(self, media: "VolumeMedia") -> list[tuple[list[int], MediaRequest]]:  # type: ignore[override]
@@ -268,14 +268,14 @@ class VolumeMedia:
 @remembered(64)
 def expected_intensity(scene: Scene, paths: int) -> tuple[float, float]:
     """Expected intensity, mean over the lights and over views spread over the camera; its relative standard error."""
-    made: Plan = planned_whole(scene, paths, PathSums)
+    plan: Plan = planned_whole(scene, paths, PathSums)
     rows, columns = scene.sensor.shape
     number = np.arange(_SPREAD_VIEWS)
     row = ((number + 0.5) / _SPREAD_VIEWS * rows).astype(int)
     column = (number * ((np.sqrt(5) - 1) / 2) % 1 * columns).astype(int)  # a lattice of Fibonacci's
     views = np.unique(row * columns + column)
     seed = pilot_seed(scene.unitless_fingerprint())
-    value, error = mean_intensity(made.chosen.pilot.tracer, made.reverse, views, seed, paths)
+    value, error = mean_intensity(plan.chosen.pilot.tracer, plan.reverse, views, seed, paths)
     if not value > 0:
         reject("Material.kernel_paths", "enough for some light to reach the camera", paths, "None does.")
     return value, error / value

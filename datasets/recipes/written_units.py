@@ -32,15 +32,15 @@ def plain(table: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
     RuleError
         If a unit is none, or says of a field what it is not.
     """
-    found = in_pixels(table)
-    lab = found.get("lab")
+    fields = in_pixels(table)
+    lab = fields.get("lab")
     if isinstance(lab, Mapping) and isinstance(lab.get("wavelength"), str):
         plain_lengths("LabSetup", lab, LAB_LENGTHS)  # refuses those without a unit
-    written = {where: text for where, text in _texts(found, ()) if _has_unit(text)}
+    written = {where: text for where, text in _texts(fields, ()) if _has_unit(text)}
     if not written:
-        return found, {}
-    unit = _unit(found)
-    return _walked(found, (), unit), {".".join(where): text for where, text in written.items()}
+        return fields, {}
+    unit = _unit(fields)
+    return _walked(fields, (), unit), {".".join(where): text for where, text in written.items()}
 
 
 def told(error: RuleError, written: Mapping[str, str]) -> RuleError:
@@ -58,10 +58,10 @@ def in_pixels(table: Mapping[str, Any]) -> dict[str, Any]:
     RuleError
         If a field of it is missing or unknown, or the setup is given in lengths too.
     """
-    found = dict(table)
-    if "pixels" not in found or type(found["pixels"]) is int:  # a number is a field of the kind's own: of a mask, say
-        return found
-    given = found.pop("pixels")
+    fields = dict(table)
+    if "pixels" not in fields or type(fields["pixels"]) is int:  # a number is a field of the kind's own: of a mask, say
+        return fields
+    given = fields.pop("pixels")
     if not isinstance(given, Mapping):
         reject("Recipe.pixels", "a table such as {grain = 3.0, object_pixel = 1.0, shape = [256, 256]}", given)
     unknown = [name for name in given if name not in _PIXELS]
@@ -70,7 +70,7 @@ def in_pixels(table: Mapping[str, Any]) -> dict[str, Any]:
     for name in ("grain", "object_pixel", "shape"):
         if name not in given:
             reject(f"Pixels.{name}", "given", "nothing", "In camera pixels; shape as [rows, columns].")
-    also = [name for name in ("lab", "window", "camera", "field") if name in found]
+    also = [name for name in ("lab", "window", "camera", "field") if name in fields]
     if also:
         reject("Recipe.pixels", "left out where the setup is given in lengths", also, "Write one or the other.")
     grain, cell = (real_number(f"Pixels.{name}", given[name]) for name in ("grain", "object_pixel"))
@@ -79,7 +79,7 @@ def in_pixels(table: Mapping[str, Any]) -> dict[str, Any]:
             reject(f"Pixels.{name}", "greater than 0, in camera pixels", value)
     if grain < 2:
         reject("Pixels.grain", "at least 2 camera pixels", grain, "Finer speckle is undersampled: do not bin.")
-    material: dict[str, Any] = dict(found.get("material") or {"screens": [{"type": "GroundGlass", "angle": 0.26}]})
+    material: dict[str, Any] = dict(fields.get("material") or {"screens": [{"type": "GroundGlass", "angle": 0.26}]})
     if "screens" not in material or material.get("gaps"):
         reject("Recipe.material", "left out, or one thin screen, where the setup is given in pixels", sorted(material),
                "How far a slab remembers, in pixels, takes a [lab], or a measured C_I (reconstruct --memory-effect).",
@@ -89,7 +89,7 @@ def in_pixels(table: Mapping[str, Any]) -> dict[str, Any]:
     width = _WIDTH * wavelength / _WAVELENGTH
     camera = {"shape": given["shape"], "pixels_per_grain": grain}
     window = {"width": width, "profile": given.get("profile", "disc")}
-    return found | {
+    return fields | {
         "material": material, "window": window, "camera": camera,
         "field": {"pitch": cell * wavelength / width / grain},
     }  # fmt: skip
@@ -101,12 +101,12 @@ def rescaled(base: Mapping[str, Any], lab: Mapping[str, Any]) -> dict[str, Any]:
     new = _unit_of_lengths(lab)
     if old is None or new is None or old == new:
         return dict(base)
-    found = {name: _rescaled(each, old / new) if name in _IN_LENGTHS else each for name, each in base.items()}
-    if isinstance(found.get("lab"), Mapping):
-        found["lab"] = {
-            name: _scaled(each, old / new) if name in LAB_LENGTHS else each for name, each in found["lab"].items()
+    tables = {name: _rescaled(each, old / new) if name in _IN_LENGTHS else each for name, each in base.items()}
+    if isinstance(tables.get("lab"), Mapping):
+        tables["lab"] = {
+            name: _scaled(each, old / new) if name in LAB_LENGTHS else each for name, each in tables["lab"].items()
         }
-    return _rescaled({name: found.pop(name) for name in _LENGTHS if name in found}, old / new) | found
+    return _rescaled({name: tables.pop(name) for name in _LENGTHS if name in tables}, old / new) | tables
 
 
 _IN_LENGTHS = ("material", "dynamics", "exposures")
@@ -205,6 +205,6 @@ def _number(text: str, where: tuple[str, ...], unit: float) -> float:
         return sine
     if where[0] == "field" or "angle" in where or ("aperture" in where and where[0] != "lab"):
         reject(field, f"a direction sine, or an angle in {', '.join(RADIANS)}", text)
-    found = length_in(text, 1e-6 if where[-2:] == ("preset", "wavelength") else unit)
-    assert found is not None
-    return found
+    length = length_in(text, 1e-6 if where[-2:] == ("preset", "wavelength") else unit)
+    assert length is not None
+    return length

@@ -11,6 +11,7 @@ import numpy as np
 import specklegen as sg
 from matplotlib import pyplot as plt
 from scipy.optimize import brentq
+from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.oracles.adding_doubling import adding_doubling
 from specklegen.oracles.vector_adding_doubling import backscattering, projected, rayleigh, vector_adding_doubling
 from specklegen.theory.diffusing_wave import inferred_depths
@@ -106,4 +107,31 @@ for g, nodes in ((0.0, 8), (0.5, 12), (0.8, 24)):
     for depth in (2.0, 5.0):
         light = vector_adding_doubling(depth, matrix, nodes=nodes).transmitted[0, 0]
         print(f"g = {g:g}, depth {depth:g}: chi = {-np.log(light[1, 1] / light[0, 0]) / (2 * depth):.4f} rad^2")
+
+# %%
+# Fat emulsions by Mie theory, beside what was measured of them: mu_s (1 - g) of Intralipid, per millimetre. Van
+# Staveren et al. (Appl. Opt. 30, 4507, 1991) had Intralipid-10 %, the fat of half as much of the 20 % emulsion; Di
+# Ninni, Martelli and Zaccanti (Phys. Med. Biol. 56, N21, 2011) nine batches of 20 %. Sizes are fitted to a third work.
+formula = {x: 1.6 * x**-2.4 * (1 - (1.1 - 0.58 * x)) for x in (0.4579, 0.5145, 0.6328)}
+batches = {0.6328: 25.9, 0.751: 21.2, 0.833: 18.4}
+for source, printed, share in (("a tenth of 10 %", formula, 0.05), ("20 %", batches, 0.01)):
+    for vacuum, measured in printed.items():
+        whole = 1.0 if share == 0.05 else share  # those of 2011 are stated as of the undiluted emulsion
+        ours = 1000 / sg.materials.get("intralipid-mie", vacuum, dilution=share).transport_length / whole
+        print(f"Intralipid, {source}, {vacuum:g} micrometres: {measured:.2f} measured, {ours:.2f} by Mie theory")
+
+# %%
+# Milk, in red, green and blue light (Jensen, Marschner, Levoy and Hanrahan, SIGGRAPH 2001): the same.
+for name, fat, printed in (("skimmed", 0.1, (0.70, 1.22, 1.90)), ("whole", 3.5, (2.55, 3.21, 3.77))):
+    for vacuum, measured in zip((0.65, 0.55, 0.475), printed, strict=True):
+        ours = 1000 / sg.materials.get("milk", vacuum, fat=fat).transport_length
+        print(f"{name} milk, {vacuum:g} micrometres: {measured:.2f} measured, {ours:.2f} by Mie theory")
+
+# %%
+# Schott, Bertolotti, Leger, Bourdieu and Gigan (Opt. Express 23, 13505, 2015) found the memory effect of tissue to
+# reach more than an order of magnitude further than that of isotropic particles. Slabs of g = .98, over those of g = 0:
+for depth in (10.0, 20.0, 30.0):
+    slabs = [sg.Slab(thickness=1.0, mean_free_path=1 / depth, scatterer=sg.HenyeyGreenstein(g)) for g in (0.98, 0.0)]
+    forward, isotropic = (estimate_correlation(slab, 400_000, seed=3).half_range() for slab in slabs)
+    print(f"optical depth {depth:g}: {forward / isotropic:.1f} times as far")
 plt.show()

@@ -17,13 +17,13 @@ range (:mod:`specklegen.models.calibration.target_range`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize_scalar
 from scipy.stats import f, t
 
 from specklegen.core.arguments import choice, flag, positive_number, real_number
@@ -33,7 +33,7 @@ from specklegen.measured.files import Source
 from specklegen.measured.measurement import Measurement, read_measurement
 from specklegen.models.calibration.material_fit import Interval
 from specklegen.models.calibration.point_speckle import PointSpeckle
-from specklegen.models.calibration.target_range import POWERS, RangeProfile, Target, decay, profile_of, target_of
+from specklegen.models.calibration.target_range import BOUNDS, Fall, RangeProfile, Target, decay, profile_of, target_of
 from specklegen.models.likelihood.likelihood import Optics
 from specklegen.models.likelihood.spectrum import transforms
 from specklegen.scene.window import PROFILES, Profile, Window
@@ -52,6 +52,8 @@ _DARK = 3e-3  # of the largest power
 _STEP = 1e-3  # of ln(grain)
 _LEAST = 1e-6  # of the mean power: smallest contrast^2 and noise^2
 _NEAR = 0.15  # of ln(grain): how far a range moves the grain that fits best
+_MOVES = ((_STEP, 0.0), (0.0, _STEP))  # of ln(bend), power
+_SCORINGS, _SETTLED = 12, 0.02  # steps at a range; of ln L, what is not worth another
 _POINT = Target(torch.ones(1, 1, dtype=torch.float64), 1.0, (1, 1))
 
 
@@ -179,7 +181,7 @@ class SetupFit(Pictured):
         apart = np.abs(np.asarray(distance, np.float64))
         if self.ranges is None or self.range is None or not np.isfinite(self.range):
             return np.ones_like(apart)
-        return decay(apart / self.range, self.ranges.power)
+        return decay(apart / self.range, self.ranges.fall)
 
     @property
     def drawn(self) -> PointSpeckle:
@@ -293,7 +295,7 @@ def fit_setup(
     for _ in range(0 if target is None else 2):  # the iris first without a range, then behind the one found
         near = min(fits.values(), key=lambda each: each.cost)
         ranges = _ranges(tiles._replace(target=shown), near, pixel_integration)
-        tiles = tiles._replace(target=shown.behind(ranges.best, ranges.power))
+        tiles = tiles._replace(target=shown.behind(ranges.best, ranges.fall))
         fits = fitted(tiles)
     best = min(fits.values(), key=lambda each: each.cost)
     behind = {name: _behind(tiles, best, each) for name, each in fits.items()}
@@ -377,12 +379,17 @@ def _tiles(light: np.ndarray, guess: float, target: Target = _POINT) -> _Seen:
 
 def _alone(tiles: _Seen, profile: Profile, grain: float, pixel: bool) -> np.ndarray:
     """Mean periodogram float64[F] of contrast 1, the grain's logarithm given."""
-    one, target = torch.ones(1, dtype=torch.float64), tiles.target
+    return _alone_behind(tiles, [tiles.target], profile, grain, pixel)[0]
+
+
+def _alone_behind(tiles: _Seen, targets: list[Target], profile: Profile, grain: float, pixel: bool) -> np.ndarray:
+    """The same float64[n, F] of a target behind media."""
+    one, target = torch.ones(1, dtype=torch.float64), targets[0]
     made = transforms(
         tiles.rows, tiles.columns, tiles.shape, target.shape, target.step * one, float(np.exp(grain)) * one,
         profile, pixel,
     )  # fmt: skip
-    found = made(target.lags[None])[0].numpy()[tiles.used]
+    found = made(torch.stack([each.lags for each in targets])[None])[0].numpy()[:, tiles.used]
     if pixel:  # the likelihood's P is 1 at lag 0 for any pixel: here it is less, as a pixel averages grains
         found = found * _kept(profile, float(np.exp(grain)))
     return np.maximum(found, 1e-12)
@@ -420,8 +427,11 @@ def _brightness(alone: np.ndarray, power: np.ndarray) -> tuple[float, float]:
 
 def _at(tiles: _Seen, profile: Profile, grain: float, pixel: bool) -> _Fitted:
     """The likeliest brightness and noise at a grain."""
-    power = tiles.power.mean(axis=0)
-    alone = _alone(tiles, profile, grain, pixel)
+    return _with_brightness(profile, grain, _alone(tiles, profile, grain, pixel), tiles.power.mean(axis=0))
+
+
+def _with_brightness(profile: Profile, grain: float, alone: np.ndarray, power: np.ndarray) -> _Fitted:
+    """The same of a mean periodogram of contrast 1, from the tiles' mean one."""
     lit, noise = _brightness(alone, power)
     spectrum = lit * alone + noise
     return _Fitted(profile, grain, lit, noise, spectrum, float((np.log(spectrum) + power / spectrum).sum()))
@@ -429,27 +439,67 @@ def _at(tiles: _Seen, profile: Profile, grain: float, pixel: bool) -> _Fitted:
 
 def _ranges(tiles: _Seen, near: _Fitted, pixel: bool) -> RangeProfile:
     """How the likelihood falls with the range, the grain fitted near the one that is known so far."""
+    count, power = len(tiles.power), tiles.power.mean(axis=0)
 
-    def at(target: Target, grain: float = near.grain) -> _Fitted:
-        return _at(tiles._replace(target=target), near.profile, grain, pixel)
+    def quick(targets: list[Target]) -> np.ndarray:
+        alone = _alone_behind(tiles, targets, near.profile, near.grain, pixel)
+        return np.array([count * _with_brightness(near.profile, near.grain, each, power).cost for each in alone])
 
-    def cost(behind: Callable[[float], Target], power: float) -> tuple[float, float]:
-        bounds = [(near.grain - _NEAR, near.grain + _NEAR), (POWERS[0], POWERS[-1])]
-        inner = float(np.clip(power, POWERS[0] + 0.1, POWERS[-1] - 0.1))
-        corners = [[near.grain, inner], [near.grain + 0.03, inner], [near.grain, inner + 0.1]]
-        found = minimize(
-            lambda x: at(behind(float(x[1])), float(x[0])).cost, corners[0], method="Nelder-Mead", bounds=bounds,
-            options={"initial_simplex": corners, "xatol": 3e-3, "fatol": 0.05 / len(tiles.power), "maxfev": 40},
-        )  # fmt: skip
-        return len(tiles.power) * float(found.fun), float(found.x[1])
+    def fitted(reach: float, fall: Fall) -> tuple[float, Fall, np.ndarray]:
+        return _falling(tiles, power, near, pixel, reach, fall)
 
-    def scatter(one: Target, other: Target) -> float:
-        first, second = at(one).spectrum, at(other).spectrum
+    def scatter(first: np.ndarray, second: np.ndarray) -> float:
         expected = float(np.square(first / second - 1).sum())
         ratio = (tiles.power * (1 / second - 1 / first)).sum(axis=1)
         return max(1.0, _EDGES**2 * float(ratio.var(ddof=1)) / expected) if expected else 1.0
 
-    return profile_of(tiles.target, lambda target: len(tiles.power) * at(target).cost, cost, scatter)
+    return profile_of(tiles.target, quick, fitted, scatter, count)
+
+
+def _falling(
+    tiles: _Seen, power: np.ndarray, near: _Fitted, pixel: bool, reach: float, fall: Fall
+) -> tuple[float, Fall, np.ndarray]:
+    """-ln L of all tiles, fall and spectrum of greatest likelihood at a range: damped scoring, within bounds."""
+    low, high = np.array([(near.grain - _NEAR, near.grain + _NEAR), *BOUNDS]).T
+    at = np.clip([near.grain, np.log(fall.bend), fall.power], low + 1e-3, high - 1e-3)
+
+    def alone(values: np.ndarray, moved: Sequence[tuple[float, float]] = ()) -> np.ndarray:
+        """Spectra at a grain, of the fall and of others beside it."""
+        bends = [values[1:], *(values[1:] + np.array(step) for step in moved)]
+        behind = [tiles.target.behind(reach, Fall(np.exp(bend), power)) for bend, power in bends]
+        return _alone_behind(tiles, behind, near.profile, float(values[0]), pixel)
+
+    def bright(values: np.ndarray, one: np.ndarray) -> _Fitted:
+        return _with_brightness(near.profile, float(values[0]), one, power)
+
+    damping = 1e-3
+    here, *beside = alone(at, _MOVES)
+    best = bright(at, here)
+    for _ in range(_SCORINGS):
+        wider = alone(at + [_STEP, 0.0, 0.0])[0]
+        slopes = best.lit / best.spectrum * np.stack([wider - here, *(each - here for each in beside)]) / _STEP
+        plain = np.stack([here, np.ones_like(here)]) / best.spectrum
+        score = slopes @ (power / best.spectrum - 1)
+        free = ~((at <= low) & (score < 0) | (at >= high) & (score > 0))
+        both = np.concatenate([slopes[free], plain * [[best.lit], [1.0]]])
+        square = both @ both.T
+        step = np.zeros(3)
+        gain = 0.0
+        while damping < 1e6:
+            damped = square + damping * np.diag(np.diag(square))
+            step[free] = np.linalg.lstsq(damped, both @ (power / best.spectrum - 1), rcond=1e-12)[0][: free.sum()]
+            new = np.clip(at + step, low, high)
+            there, *beyond = alone(new, _MOVES)
+            found = bright(new, there)
+            gain = len(tiles.power) * (best.cost - found.cost)
+            if gain > 0:
+                at, here, beside, best = new, there, beyond, found
+                damping = max(damping / 10, 1e-6)
+                break
+            damping *= 10
+        if gain < _SETTLED:
+            break
+    return len(tiles.power) * best.cost, Fall(float(np.exp(at[1])), float(at[2])), best.spectrum
 
 
 def _fitted(tiles: _Seen, profile: Profile, guess: float, pixel: bool) -> _Fitted:
@@ -476,22 +526,26 @@ def _behind(tiles: _Seen, best: _Fitted, other: _Fitted) -> float:
 
 
 def _slopes(tiles: _Seen, best: _Fitted, pixel: bool) -> np.ndarray:
-    """Derivatives float64[3 or 5, F] of ln S by ln(grain), contrast^2, noise^2, and of a target ln(range) and power."""
+    """Derivatives float64[3 or 6, F] of ln S by ln(grain), contrast^2, noise^2; of a target ln(range), bend, power."""
     target = tiles.target
 
     def by(**moved: float) -> np.ndarray:
-        given = {"grain": best.grain, "reach": np.log(target.reach), "power": target.power} | moved
-        behind = tiles._replace(target=target.behind(np.exp(given["reach"]), given["power"]))
-        return _alone(behind, best.profile, given["grain"], pixel)
+        given = {"grain": best.grain, "reach": np.log(target.reach), **_named(target.fall)} | moved
+        behind = target.behind(np.exp(given["reach"]), Fall(np.exp(given["bend"]), given["power"]))
+        return _alone(tiles._replace(target=behind), best.profile, given["grain"], pixel)
 
     at = {"grain": best.grain}
     if np.isfinite(target.reach):
-        at |= {"reach": float(np.log(target.reach)), "power": target.power}
+        at |= {"reach": float(np.log(target.reach)), **_named(target.fall)}
     first, *others = (
         best.lit * (by(**{name: value + _STEP}) - by(**{name: value - _STEP})) / (2 * _STEP)
         for name, value in at.items()
     )
     return np.stack([first, by(), np.ones_like(first), *others]) / best.spectrum
+
+
+def _named(fall: Fall) -> dict[str, float]:
+    return {"bend": float(np.log(fall.bend)), "power": fall.power}
 
 
 def _covariance(tiles: _Seen, best: _Fitted, slopes: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 from scipy.special import logsumexp, ndtr
-from scipy.stats import chi2
+from scipy.stats import t
 
 SHAPE = 0.1
 """Spread of the logarithm of a range that is read off C_I of another shape (scripts/range_coverage, setup_coverage)."""
@@ -24,9 +24,13 @@ def blurred(at: np.ndarray, likely: np.ndarray, spread: float) -> np.ndarray:
     return np.asarray(logsumexp(np.broadcast_to(likely, weights.shape), axis=1, b=weights))
 
 
-def interval(at: np.ndarray, likely: np.ndarray, level: float) -> tuple[float, float]:
-    """Shortest and longest value whose log-likelihood is near enough to the highest (Wilks); 0 and inf at the ends."""
-    near = likely - likely.max() + chi2.ppf(level, 1) / 2
+def interval(at: np.ndarray, likely: np.ndarray, level: float, freedom: float = np.inf) -> tuple[float, float]:
+    """Shortest and longest value whose log-likelihood is near enough to the highest (Wilks); 0 and inf at the ends.
+
+    Likelihoods over a scatter that was measured have its degrees of freedom: Student's quantile takes the normal one's
+    place.
+    """
+    near = likely - likely.max() + t.ppf((1 + level) / 2, freedom) ** 2 / 2
     inside = np.flatnonzero(near >= 0)
     steps = np.log(at)
 

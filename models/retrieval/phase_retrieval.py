@@ -185,9 +185,9 @@ def retrieve(
     start = random_starts(seed, retrieval.restarts, n).to(modulus)
 
     def block(part: Tensor) -> Retrieved:
-        found = hybrid_input_output(part, start, retrieval)
-        error = modulus_error(found, part[:, None])
-        return Retrieved(consensus(found, error, part, retrieval.shrink_wrap), found, error)
+        images = hybrid_input_output(part, start, retrieval)
+        error = modulus_error(images, part[:, None])
+        return Retrieved(consensus(images, error, part, retrieval.shrink_wrap), images, error)
 
     with one_torch_thread():
         parts = map_blocks(block, modulus.split(1 if modulus.device.type == "cpu" else _ON_DEVICE), threads)
@@ -225,5 +225,5 @@ def hybrid_input_output(modulus: Tensor, start: Tensor, retrieval: Retrieval) ->
         for _ in range(retrieval.steps):
             proposed = with_modulus(image, wanted)
             image = fed_back(image, proposed, support, float(beta))
-    found = error_reduction(proposed.clamp_min(0).mul_(support), wanted, retrieval.error_reduction, support)
-    return unpaired(found, len(start))
+    images = error_reduction(proposed.clamp_min(0).mul_(support), wanted, retrieval.error_reduction, support)
+    return unpaired(images, len(start))

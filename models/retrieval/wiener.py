@@ -79,10 +79,10 @@ def weights(
         return 1 / c.clamp_min(FLOOR)
     if guess == "dense":
         power = dense_power(lags, c, side, grain)
-        found = c * power / (c.square() * power + noise)
+        factors = c * power / (c.square() * power + noise)
     else:
-        found = _kept(lags, noise, grain) / c.clamp_min(FLOOR)
-    return found / found[:, :1, :1].clamp_min(torch.finfo(lags.dtype).tiny)
+        factors = _kept(lags, noise, grain) / c.clamp_min(FLOOR)
+    return factors / factors[:, :1, :1].clamp_min(torch.finfo(lags.dtype).tiny)
 
 
 SPARSE = 2.9

@@ -380,8 +380,8 @@ def _copula_angles(W0: np.ndarray, turns: float) -> np.ndarray:
     if beta[-1] > math.pi:
         remedy = f"Use phase_turns of at least {math.ceil(100 * turns * beta[-1] / math.pi) / 100:g}."
         reject("sample_fields phase_turns", "so large that the angles span at most pi", turns, remedy)
-    made = np.exp(-spread * (1 - np.cos(beta[:, None] - beta)))
-    worst = np.abs(made - degree).max()
+    model = np.exp(-spread * (1 - np.cos(beta[:, None] - beta)))
+    worst = np.abs(model - degree).max()
     if worst > _COPULA_TOLERANCE:
         reject(
             "sample_fields W0",

@@ -19,9 +19,9 @@ def checked_device(field: str, device: "str | torch.device") -> "torch.device":
     import torch
 
     try:
-        found = torch.device(device)
-        torch.zeros(1, device=found).item()
+        checked = torch.device(device)
+        torch.zeros(1, device=checked).item()
     except (RuntimeError, AssertionError, NotImplementedError, TypeError, ValueError) as error:
-        said = str(error).partition("\n")[0].partition(". ")[0].rstrip(".")
-        reject(field, "a device that torch has here", str(device), f"{said}.")
-    return found
+        reason = str(error).partition("\n")[0].partition(". ")[0].rstrip(".")
+        reject(field, "a device that torch has here", str(device), f"{reason}.")
+    return checked

@@ -94,12 +94,12 @@ class Labelled:
             If it cannot be written.
         """
         file, arrays = _file("save", path, ".npz"), self._arrays()
-        told = {
+        header = {
             "result": type(self).__name__, "numbers": _strict(self._numbers()),
             "arrays": {name: {"axes": each.axes, "unit": each.unit, "coordinate": each.coordinate}
                        for name, each in arrays.items()},
         }  # fmt: skip
-        text = json.dumps(told, allow_nan=False)
+        text = json.dumps(header, allow_nan=False)
         buffer, held = io.BytesIO(), {name: each.values for name, each in arrays.items()} | {_META: np.array(text)}
         np.savez(buffer, **held)  # type: ignore[arg-type]
         write_whole(file, buffer.getvalue())

@@ -12,10 +12,10 @@ _version = lru_cache(version)  # reads a file, of a sixth of a megabyte for some
 
 def library_versions() -> dict[str, str]:
     """Version of each library that is installed: kept with what was made, to explain a last bit that differs."""
-    found = {}
+    versions = {}
     for name in DECIDING:
         try:
-            found[name] = _version(DISTRIBUTION if name == "specklegen" else name)
+            versions[name] = _version(DISTRIBUTION if name == "specklegen" else name)
         except PackageNotFoundError:  # specklegen itself, in a clone that is not installed
             continue
-    return found
+    return versions

@@ -57,12 +57,12 @@ class MostRecent(Generic[Key, Kept]):
             if key in self._kept:
                 self._kept.move_to_end(key)
                 return self._kept[key]
-        made = make()
+        result = make()
         with self._lock:
-            made = self._kept.setdefault(key, made)  # another thread may have been as quick
+            result = self._kept.setdefault(key, result)  # another thread may have been as quick
             self._kept.move_to_end(key)
             self._let_go(1)
-        return made
+        return result
 
     def trim(self) -> None:
         """Weigh them now, and let the last one go too if it is too large."""

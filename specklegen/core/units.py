@@ -23,20 +23,20 @@ _WRITTEN = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d
 
 def metres_of(text: str) -> float | None:
     """A length in metres, of a text such as "5 mm"; None where the text is no number with a unit of length."""
-    found = _WRITTEN.fullmatch(text)
-    return float(found[1]) * METRES[found[2]] if found and found[2] in METRES else None
+    match = _WRITTEN.fullmatch(text)
+    return float(match[1]) * METRES[match[2]] if match and match[2] in METRES else None
 
 
 def sine_of(text: str) -> float | None:
     """The sine of an angle of a text such as "0.8 deg"; None where the text is no number with a unit of angle."""
-    found = _WRITTEN.fullmatch(text)
-    return math.sin(float(found[1]) * RADIANS[found[2]]) if found and found[2] in RADIANS else None
+    match = _WRITTEN.fullmatch(text)
+    return math.sin(float(match[1]) * RADIANS[match[2]]) if match and match[2] in RADIANS else None
 
 
 def length_in(text: str, metres: float) -> float | None:
     """A length in units of so many metres, rounded to twelve digits; None where the text is no length."""
-    found = metres_of(text)
-    return None if found is None else float(f"{found / metres:.12g}")
+    length = metres_of(text)
+    return None if length is None else float(f"{length / metres:.12g}")
 
 
 def unit_of(wavelength: object) -> float | None:
@@ -69,10 +69,10 @@ def plain_lengths(owner: str, fields: Mapping[str, Any], names: tuple[str, ...])
     if isinstance(wavelength, str) and any(fields[name] for name in plain):
         name = next(name for name in plain if fields[name])
         reject(f"{owner}.{name}", 'written with its unit, such as "5 mm", where the wavelength is', fields[name])
-    found = dict(fields)
+    numbers = dict(fields)
     for name, text in written.items():
         value = length_in(text, unit)
         if value is None:
             reject(f"{owner}.{name}", f"a number, or a length in {', '.join(METRES)}", text)
-        found[name] = value
-    return found
+        numbers[name] = value
+    return numbers

@@ -88,11 +88,11 @@ def making(folder: Path) -> Iterator[Path]:
     sweep(unfinished(folder))
     temporary = _named(folder.with_name(f".{folder.name}"), "creating")
     temporary.mkdir(parents=True)
-    made = temporary.stat()
+    identity = temporary.stat()
     try:
         with _beating(temporary):
             yield temporary
-        if not os.path.samestat(made, temporary.stat()):
+        if not os.path.samestat(identity, temporary.stat()):
             raise FileNotFoundError(errno.ENOENT, "swept while this process slept", str(temporary))
         temporary.rename(folder)
     except OSError as error:

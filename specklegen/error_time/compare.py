@@ -98,8 +98,8 @@ def compare(
         while True:
             progress(sampler.name, count)
             done, cost = measured(partial(sampler.work, scene, probes, count, seed))
-            found = sampler.estimate(scene, probes, count, seed, done)
-            yield Row(sampler.name, count, cost, relative_error(probes, found))
+            estimate = sampler.estimate(scene, probes, count, seed, done)
+            yield Row(sampler.name, count, cost, relative_error(probes, estimate))
             left -= _WITH_ESTIMATE * cost.cpu_seconds
             runs += 1
             if not sampler.counted or (runs > 1 and _WITH_ESTIMATE * FACTOR * cost.cpu_seconds > left):

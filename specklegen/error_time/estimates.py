@@ -66,14 +66,14 @@ def paths_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Esti
 
     The NUFFT's error is not in it: it is below the render's ``field_tolerance`` and has nothing to do with paths.
     """
-    made = plan(scene, paths=paths, sampler="paths", threads=1).chosen
-    assert isinstance(made, PathSums)
+    sampler = plan(scene, paths=paths, sampler="paths", threads=1).chosen
+    assert isinstance(sampler, PathSums)
     p, q = probes.ends.T
     sums = np.zeros((), np.complex128)
-    for chunk in made.work.chunks.slices:
-        bank = made.tracer.trace(seed, chunk.stop - chunk.start, first=chunk.start, threads=1)
+    for chunk in sampler.work.chunks.slices:
+        bank = sampler.tracer.trace(seed, chunk.stop - chunk.start, first=chunk.start, threads=1)
         for part in (bank.single, bank.multiple):
-            amplitudes = connection_amplitudes(made.tracer, part, probes.points, reverse=made.reverse)
+            amplitudes = connection_amplitudes(sampler.tracer, part, probes.points, reverse=sampler.reverse)
             owners = np.tile(part.paths, amplitudes.shape[1] // max(len(part), 1))
             sums = sums + batch_sums(amplitudes[p] * amplitudes[q].conj(), owners, paths)
     return Estimate.of_batches(sums, paths)
@@ -110,15 +110,17 @@ def covariance_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
 
 def eigen_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed, *, reverse: Reverse = "auto") -> Estimate:
     """The entries that ``render(scene, sampler="covariance", paths=paths, seed=seed)`` draws its fields from."""
-    found = covariance(scene, paths=paths, seed=seed, pairs=probes.quadruples, orders="all", reverse=reverse, threads=1)
-    return Estimate(found.value, found.standard_error)
+    estimate = covariance(
+        scene, paths=paths, seed=seed, pairs=probes.quadruples, orders="all", reverse=reverse, threads=1
+    )
+    return Estimate(estimate.value, estimate.standard_error)
 
 
 def single_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
     """Single scattering alone, in closed form; its error is the light that it leaves out, by the largest share."""
-    found = covariance(scene, pairs=probes.quadruples, orders="single", threads=1)
-    share = min(found.rel_error, 1 - 1e-9)  # of all light, three standard errors included: may exceed 1
-    return Estimate(found.value, share / (1 - share) * probes.scale(found.value))
+    estimate = covariance(scene, pairs=probes.quadruples, orders="single", threads=1)
+    share = min(estimate.rel_error, 1 - 1e-9)  # of all light, three standard errors included: may exceed 1
+    return Estimate(estimate.value, share / (1 - share) * probes.scale(estimate.value))
 
 
 def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
@@ -138,7 +140,7 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
     lights = scene.lights[probes.points[:, 0]]
     q = -scene.wavenumber * np.diff(lights[probes.ends, :2], axis=1)[:, 0]
     area = scene.beams.window.area
-    found = Estimate.of_batches(area * _batch_sums(correlation, q), correlation.paths)
+    estimate = Estimate.of_batches(area * _batch_sums(correlation, q), correlation.paths)
     carried = 1.0
     if renderer.shared.sampler.envelope is not None:
         views = scene.sensor.directions.reshape(-1, 3)[probes.points[:, 1], :2]  # type: ignore[union-attr]
@@ -147,9 +149,9 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
     if not scene.illumination.coherent:
         assert isinstance(correlation, MemoryEffectCorrelation)
         value = mean_intensity(correlation, area) * _mode_products(scene, probes, correlation) * carried
-        return Estimate(value, found.standard_error * carried)
+        return Estimate(value, estimate.standard_error * carried)
     pattern = _window_products(scene, probes, correlation) / mean_intensity(correlation, area) * carried
-    return Estimate(pattern * found.value, np.abs(pattern) * found.standard_error)
+    return Estimate(pattern * estimate.value, np.abs(pattern) * estimate.standard_error)
 
 
 def screens_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:

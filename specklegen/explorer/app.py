@@ -48,9 +48,8 @@ def _(begun, controls, draw_sixteen, mo, page, said, shown, state):
         page.head(said if state == begun else ())
         + page.sliders(controls.elements[name].text for name in shown(state))
         + page.buttons(
-            mo.download(page.toml(state).encode(), filename="explored.toml", label="Recipe as TOML").text,
-            mo.download(page.python(state).encode(), filename="explored.py", label="The same as Python").text,
-            draw_sixteen.text,
+            *(mo.download(held, filename=name, label=label).text for label, name, held in page.files(state)),
+            *([draw_sixteen.text] if page.of_objects(state) else []),
         )
     )
     return
@@ -67,7 +66,7 @@ def _(drawn, mo, page, state):
 
 @app.cell
 def _(draw_sixteen, mo, page, state):
-    mo.stop(not draw_sixteen.value)
+    mo.stop(not (draw_sixteen.value and page.of_objects(state)))
     sheet, archive = page.sixteen(state)
     mo.vstack([mo.Html(sheet), mo.download(archive, filename="sixteen.npz", label="Arrays (NPZ)")])
     return

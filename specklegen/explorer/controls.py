@@ -19,6 +19,7 @@ class State(NamedTuple):
     the medium, the lag in milliseconds.
     """
 
+    view: str = "seeing through"
     medium: str = "slab"
     thickness: float = 1000.0
     mean_free_path: float = 100.0
@@ -71,6 +72,7 @@ _PATHS = (50.0, 70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 700.0, 1000.0)
 _COSINES = (0.1, 0.3, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98)
 
 CONTROLS: dict[str, Control] = {
+    "view": Control("look at", ("seeing through", "motion", "polarisation", "a lens")),
     "medium": Control("medium", ("slab", "two layers", "ground glass")),
     "thickness": Control("thickness, µm", _THICKNESSES),
     "mean_free_path": Control("mean free path, µm", _PATHS),
@@ -113,24 +115,30 @@ CONTROLS: dict[str, Control] = {
 """Field of a state to its control."""
 
 
-_ONLY = {
-    "thickness": ("medium", ("slab", "two layers")), "mean_free_path": ("medium", ("slab", "two layers")),
-    "lobe": ("medium", ("slab", "two layers")), "g": ("medium", ("slab", "two layers")),
-    "refractive_index": ("medium", ("slab",)), "second_thickness": ("medium", ("two layers",)),
-    "second_mean_free_path": ("medium", ("two layers",)), "second_g": ("medium", ("two layers",)),
-    "grit": ("medium", ("ground glass",)), "gap": ("medium", ("ground glass",)),
-    "focus": ("medium", ("slab", "two layers")), "lens": ("medium", ("slab", "two layers")),
-    "magnification": ("medium", ("slab", "two layers")), "analysers": ("medium", ("slab",)),
-    "aperture": ("setup", ("angles",)), "extent": ("setup", ("angles",)),
-    **dict.fromkeys(("iris", "object_distance", "object_width", "camera_distance", "pixel"),
-                    ("setup", ("laboratory lengths",))),
-}  # fmt: skip
-"""Controls that say something of some media or setups alone: of which."""
+_SLABS = {"medium": ("slab", "two layers")}
+_IMAGES = {"view": ("seeing through", "motion", "polarisation")}
+_ANGLES, _LENGTHS = {"setup": ("angles",)}, {"setup": ("laboratory lengths",)}
+_ONLY: dict[str, dict[str, tuple]] = {
+    **dict.fromkeys(("thickness", "mean_free_path", "lobe", "g"), _SLABS),
+    "refractive_index": {"medium": ("slab",)},
+    **dict.fromkeys(("second_thickness", "second_mean_free_path", "second_g"), {"medium": ("two layers",)}),
+    **dict.fromkeys(("grit", "gap"), {"medium": ("ground glass",)}),
+    **dict.fromkeys(("setup", "object", "photons"), _IMAGES),
+    **dict.fromkeys(("aperture", "extent"), _IMAGES | _ANGLES),
+    **dict.fromkeys(("iris", "object_distance", "object_width", "camera_distance", "pixel"), _IMAGES | _LENGTHS),
+    "tilt": {"view": ("seeing through",)},
+    "lag": {"view": ("motion",)},
+    **dict.fromkeys(("focus", "lens", "magnification"), {"view": ("a lens",)} | _SLABS),
+    "analysers": {"view": ("polarisation",), "medium": ("slab",)},
+}
+"""Controls that say something under conditions alone: where others must stand."""
 
 
 def shown(state: State) -> list[str]:
     """Names of the controls that say something of a state."""
-    return [name for name in CONTROLS if name not in _ONLY or getattr(state, _ONLY[name][0]) in _ONLY[name][1]]
+    return [
+        name for name in CONTROLS if all(getattr(state, other) in steps for other, steps in _ONLY.get(name, {}).items())
+    ]
 
 
 def state_of(address: Mapping[str, str]) -> State:

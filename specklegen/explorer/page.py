@@ -3,13 +3,14 @@
 import html
 import io
 from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from specklegen.core.errors import ToldError
 from specklegen.explorer import drawing, recipe
 from specklegen.explorer import panels as shown
-from specklegen.explorer.controls import State
+from specklegen.explorer.controls import CONTROLS, State
 
 toml, python = recipe.toml, recipe.python
 
@@ -30,14 +31,25 @@ def buttons(*elements: str) -> str:
     return f'<p class="sg-buttons">{" ".join(elements)}</p>'
 
 
+def files(state: State) -> list[tuple[str, str, bytes]]:
+    """What can be taken along: label, file name, contents; nothing where the view has no such medium."""
+    try:
+        return [
+            ("Recipe as TOML", "explored.toml", toml(state).encode()),
+            ("The same as Python", "explored.py", python(state).encode()),
+        ]
+    except ToldError:
+        return []  # its panel says why
+
+
 def panels(state: State) -> str:
-    """Every panel of a state."""
+    """Every panel of a state's view."""
     *_, every = coming(state, {})
     return every
 
 
 def coming(state: State, before: dict[str, str]) -> Iterator[str]:
-    """Every panel of a state, as they are made: once after each, the camera's first.
+    """Every panel of a state's view, as they are made: once after each, the camera's first.
 
     Parameters
     ----------
@@ -46,11 +58,17 @@ def coming(state: State, before: dict[str, str]) -> Iterator[str]:
     before
         Bodies of panels by their titles, as they stood before: greyed until they are made anew, and written into it.
     """
-    late = {title: f'<div class="sg-late">{before.get(title, "...")}</div>' for title, _, _ in _PANELS}
-    for title, _, body in _PANELS:
+    panels = [each for each in _PANELS if state.view in each.views]
+    late = {each.title: f'<div class="sg-late">{before.get(each.title, "...")}</div>' for each in panels}
+    for title, _, body, _ in panels:
         before[title] = late[title] = _said(body, state)
-        made = "".join(drawing.panel(name, late[name], wide) for name, wide, _ in _PANELS)
+        made = "".join(drawing.panel(each.title, late[each.title], each.wide) for each in panels)
         yield f'<div class="sg-panels">{made}</div>'
+
+
+def of_objects(state: State) -> bool:
+    """Whether the view is of hidden objects and their images, of which there are sixteen."""
+    return state.view == CONTROLS["view"].steps[0]
 
 
 def sixteen(state: State) -> tuple[str, bytes]:
@@ -129,7 +147,6 @@ def _analysed(state: State) -> str:
         drawing.row(*pictures)
         + f"<p>One object in {state.analysers} light, particles of low contrast. What comes out has a degree of "
         f"polarisation of {degree:.2f}; what the second analyser passes was turned on detours, and forgets sooner.</p>"
-        + _text(recipe.analysed_toml)(state)
     )
 
 
@@ -141,13 +158,9 @@ def _lens(state: State) -> str:
         drawing.picture(drawing.png(image, high=high), f"image {where}") + where
         for image, where in zip(found.images, said, strict=False)
     )
-    return (
-        drawing.row(*pictures)
-        + (
-            f"<p>A square of {recipe.SPOT:g} µm is lit on the other side. The camera sees {found.field:.3g} µm, "
-            f"in grains of {found.grain:.3g} µm.</p>"
-        )
-        + _text(recipe.lens_toml)(state)
+    return drawing.row(*pictures) + (
+        f"<p>A square of {recipe.SPOT:g} µm is lit on the other side. The camera sees {found.field:.3g} µm, "
+        f"in grains of {found.grain:.3g} µm.</p>"
     )
 
 
@@ -184,26 +197,43 @@ def _verdict(state: State) -> str:
     return drawing.verdict_html(shown.verdict(state)) + doubts
 
 
-def _rate(state: State) -> str:
-    return f"<p>{shown.sixteen(state).rate:.3g} samples a second, on this machine as busy as it was.</p>"
-
-
 def _text(write: Callable[[State], str]) -> Callable[[State], str]:
     return lambda state: f"<details><summary>show</summary><pre>{html.escape(write(state))}</pre></details>"
 
 
-_PANELS: tuple[tuple[str, bool, Callable[[State], str]], ...] = (
-    ("What the camera sees", False, _camera),
-    ("Speckle under tilt", False, _tilt),
-    ("Speckle in motion", False, _moved),
-    ("Behind two analysers", False, _analysed),
-    ("Through a lens", False, _lens),
-    ("Autocorrelation", False, _lags),
-    ("Memory effect", False, _curve),
-    ("Phase retrieval (Katz)", False, _katz),
-    ("Verdict", False, _verdict),
-    ("Speed", False, _rate),
-    ("Recipe", True, _text(toml)),
-    ("The same as Python", True, _text(python)),
+class Panel(NamedTuple):
+    """What stands on the page.
+
+    Attributes
+    ----------
+    title : str
+    wide : bool
+        Whether it takes a whole row.
+    body : callable
+        HTML of a state.
+    views : tuple of str
+        Where it stands.
+    """
+
+    title: str
+    wide: bool
+    body: Callable[[State], str]
+    views: tuple[str, ...]
+
+
+_VIEWS = CONTROLS["view"].steps
+_SEEING, _MOTION, _POLARISED, _LENS = ((name,) for name in _VIEWS)
+_OF_OBJECTS = _SEEING + _MOTION + _POLARISED
+_PANELS = (
+    Panel("What the camera sees", False, _camera, _OF_OBJECTS),
+    Panel("Speckle under tilt", False, _tilt, _SEEING),
+    Panel("Speckle in motion", False, _moved, _MOTION),
+    Panel("Behind two analysers", False, _analysed, _POLARISED),
+    Panel("Through a lens", False, _lens, _LENS),
+    Panel("Autocorrelation", False, _lags, _SEEING),
+    Panel("Memory effect", False, _curve, _SEEING + _MOTION),
+    Panel("Phase retrieval (Katz)", False, _katz, _SEEING),
+    Panel("Verdict", False, _verdict, _SEEING),
+    Panel("Recipe", True, _text(toml), _VIEWS),
+    Panel("The same as Python", True, _text(python), _VIEWS),
 )
-"""Title, whether it takes a whole row, and what stands in it."""

@@ -3,7 +3,7 @@
 import time
 import warnings
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, wraps
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +23,7 @@ from specklegen.explorer.recipe import (
     SPLIT,
     analysed_of,
     extent_of,
+    imaged,
     lens_of,
     motion_of,
     of_glass,
@@ -43,7 +44,13 @@ _POINTS = 121  # of a curve
 SIXTEEN = 16
 
 
-@lru_cache(maxsize=4)
+def _of_images(make: Callable[[State], Any]) -> Callable[[State], Any]:
+    """Keep the last four results of what depends on the hidden object's image, whatever else is set."""
+    kept = lru_cache(maxsize=4)(make)
+    return wraps(make)(lambda state: kept(imaged(state)))
+
+
+@_of_images
 def sample(state: State) -> dict[str, Any]:
     """Hidden object, camera image and parameters: sample ``state.sample`` of the recipe."""
     with warnings.catch_warnings():
@@ -289,7 +296,7 @@ class Retrieved(NamedTuple):
     limited: float
 
 
-@lru_cache(maxsize=4)
+@_of_images
 def retrieved(state: State) -> Retrieved:
     """Phase retrieval from the autocorrelation (Katz et al. 2014), divided by C_I where that promises more."""
     recipe = recipe_of(state)
@@ -303,7 +310,7 @@ def retrieved(state: State) -> Retrieved:
     return Retrieved(moved["sharp"][0].numpy(), scores["sharp"], scores["diffraction-limited"])
 
 
-@lru_cache(maxsize=4)
+@_of_images
 def verdict(state: State) -> Verdict:
     """Whether phase retrieval works on such images, and why not."""
     with warnings.catch_warnings():

@@ -1,6 +1,7 @@
-"""The recipes of a state: all are rendered and shown, and the first is the one to take along."""
+"""The recipes of a state: one a view, which is the one to take along, and that of the tilts."""
 
 import pprint
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -14,7 +15,7 @@ from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.lens_stack import LensStack
 from specklegen.datasets.recipes.multi_image import DynamicSlab
 from specklegen.datasets.recipes.tilt_stack import TiltStack
-from specklegen.explorer.controls import State
+from specklegen.explorer.controls import CONTROLS, State
 from specklegen.scene.motion import Brownian
 from specklegen.scene.scatterers import VonMisesFisher
 
@@ -177,18 +178,23 @@ def concentration_of(g: float) -> float:
 
 
 def _begun(state: State, *names: str) -> State:
-    """The state with some sliders, and the number of the sample, where they begin."""
+    """The state with some sliders where they begin, and what no recipe depends on: the view, the sample's number."""
     begins = State()
-    return state._replace(**{name: getattr(begins, name) for name in (*names, "sample")})
+    return state._replace(**{name: getattr(begins, name) for name in (*names, "view", "sample")})
 
 
 _LENS = "focus", "lens", "magnification"
 _LATER = *_LENS, "analysers"
 
 
+def imaged(state: State) -> State:
+    """The state with every slider where it begins that neither the hidden object nor its image depends on."""
+    return _begun(state, "tilt", "lag", *_LATER)._replace(sample=state.sample)
+
+
 def recipe_of(state: State) -> HiddenObject:
     """Recipe of the hidden object."""
-    return _hidden(_begun(state, "tilt", "lag", *_LATER))
+    return _hidden(_begun(imaged(state)))
 
 
 def tilts_of(state: State) -> TiltStack:
@@ -241,26 +247,33 @@ def _lens(state: State) -> LensStack:
     return LensStack(**lens_table(state))
 
 
-def lens_toml(state: State) -> str:
-    """TOML file of the recipe of the spot through a lens."""
-    return tomli_w.dumps(lens_table(state))
+_SHOWN: dict[str, tuple[Callable[[State], dict[str, Any]], Callable[[State], Any]]] = dict(
+    zip(
+        CONTROLS["view"].steps,
+        [(recipe_table, recipe_of), (motion_table, motion_of), (analysed_table, analysed_of), (lens_table, lens_of)],
+        strict=True,
+    )
+)
+"""View to the table and the recipe of what it shows first."""
 
 
-def analysed_toml(state: State) -> str:
-    """TOML file of the recipe behind two analysers."""
-    return tomli_w.dumps(analysed_table(state))
+def shown_of(state: State) -> Any:
+    """Recipe of what the view shows; a ToldError where the medium has none."""
+    return _SHOWN[state.view][1](state)
 
 
 def toml(state: State) -> str:
-    """TOML file of the recipe."""
-    return tomli_w.dumps(recipe_table(state))
+    """TOML file of the recipe of the view; a ToldError where the medium has none."""
+    shown_of(state)
+    return tomli_w.dumps(_SHOWN[state.view][0](state))
 
 
 def python(state: State) -> str:
-    """Python that makes the recipe, and the sample that is shown."""
-    table = pprint.pformat(recipe_table(state), width=100, sort_dicts=False)
+    """Python that makes the recipe of the view, and the sample that is shown; a ToldError likewise."""
+    kind = type(shown_of(state))
+    table = pprint.pformat(_SHOWN[state.view][0](state), width=100, sort_dicts=False)
     return (
-        "from specklegen.datasets.recipes.hidden_object import HiddenObject\n\n"
-        f"recipe = HiddenObject(**{table})\n"
-        f'sample = recipe.sample({SEED}, "{SPLIT}", {state.sample})   # image, object, parameters\n'
+        f"from {kind.__module__} import {kind.__name__}\n\n"
+        f"recipe = {kind.__name__}(**{table})\n"
+        f'sample = recipe.sample({SEED}, "{SPLIT}", {state.sample})   # arrays by name\n'
     )

@@ -169,8 +169,8 @@ class Camera(Registered):
             reject("Camera.photons", f"at least {1 / pixels:.2g}, one photon in an image", self.photons)
         brightest = self.photons * (1 + np.log(pixels)) / self.gain  # the largest of so many exponential numbers
         if self.bit_depth is not None and brightest < 0.5:
-            told = f"The brightest pixel gives about {brightest:.2g} counts at {self.gain:g} electrons a count."
-            reject("Camera.photons", "enough for a count", self.photons, told)
+            remedy = f"The brightest pixel gives about {brightest:.2g} counts at {self.gain:g} electrons a count."
+            reject("Camera.photons", "enough for a count", self.photons, remedy)
 
     def noise(self, mean: Any) -> Any:
         """Variance that noise adds to a pixel over the squared mean of an image, from its mean in counts (any array).

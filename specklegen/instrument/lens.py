@@ -74,10 +74,10 @@ class Lens:
         columns, rows = (np.exp(1j * self.scene.wavenumber * np.outer(place, sines)) for sines, place in places)
         weights, kind = self.weights(from_face).astype(fields.dtype), fields.dtype
         rows, columns = rows.astype(kind), np.ascontiguousarray(columns.T.astype(kind))
-        found = np.empty((len(fields), *self.camera.shape), kind)
-        for field, image in zip(fields, found, strict=True):
+        images = np.empty((len(fields), *self.camera.shape), kind)
+        for field, image in zip(fields, images, strict=True):
             image[...] = rows @ (weights * field) @ columns
-        return found
+        return images
 
     @property
     def flops(self) -> float:

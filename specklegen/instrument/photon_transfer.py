@@ -121,10 +121,10 @@ class CameraFit(Pictured):
     @property
     def table(self) -> dict[str, float]:
         """Fields of ``[exposure]`` that were found; ``photons`` depends on the light."""
-        found: dict[str, float] = {"gain": self.gain, "read_noise": self.read_noise, "offset": self.offset}
+        fields: dict[str, float] = {"gain": self.gain, "read_noise": self.read_noise, "offset": self.offset}
         if self.full_well is not None:
-            found["full_well"] = self.full_well
-        return found | {"bit_depth": self.bit_depth}
+            fields["full_well"] = self.full_well
+        return fields | {"bit_depth": self.bit_depth}
 
     def camera(self, photons: float, **fields: Any) -> Camera:
         """Return the camera in a light of so many photons a pixel; ``fields`` are further ones of `Camera`.
@@ -140,9 +140,9 @@ class CameraFit(Pictured):
         """Write the table ``[exposure]`` with the errors, and a line that asks for the photons."""
         errors = {name: getattr(self, f"{name}_error", None) for name in self.table}
         lines = tomli_w.dumps(self.table).splitlines()
-        told = [f"{line}  # +- {error:.2g}" if (error := errors[line.split(" ")[0]]) else line for line in lines]
+        rows = [f"{line}  # +- {error:.2g}" if (error := errors[line.split(" ")[0]]) else line for line in lines]
         doubts = [f"# doubt: {doubt}" for doubt in self.doubts]
-        return "\n".join([*doubts, "[exposure]", *told, "# photons = ...  mean electrons a pixel of your image", ""])
+        return "\n".join([*doubts, "[exposure]", *rows, "# photons = ...  mean electrons a pixel of your image", ""])
 
     def _facts(self) -> Mapping[str, object]:
         well = "not seen" if self.full_well is None else f"{self.full_well:.6g} ± {self.full_well_error:.2g} electrons"
@@ -265,15 +265,15 @@ class _Dark(NamedTuple):
 def _checked(field: str, frames: ArrayLike) -> np.ndarray:
     """Whole counts, float64[n, H, W]."""
     try:
-        found = np.asarray(frames)
-        counts = found.astype(np.float64)
+        array = np.asarray(frames)
+        counts = array.astype(np.float64)
     except (TypeError, ValueError, OverflowError, RuntimeError):  # the last of torch, of what has gradients
         reject(field, "frames of numbers, all of one shape", type(frames).__name__)
-    if found.ndim != 3 or min(found.shape, default=0) < 1 or min(found.shape[1:]) < 16:
-        remedy = _SINGLE if found.ndim == 2 else ""
-        reject(field, "of shape (frames, rows, columns), at least 16 x 16 pixels", found.shape, remedy)
-    if np.iscomplexobj(found) or not np.isfinite(counts).all() or (counts < 0).any() or (counts % 1).any():
-        reject(field, "raw counts: whole numbers of at least 0", found, "Scaled pictures have lost their noise's unit.")
+    if array.ndim != 3 or min(array.shape, default=0) < 1 or min(array.shape[1:]) < 16:
+        remedy = _SINGLE if array.ndim == 2 else ""
+        reject(field, "of shape (frames, rows, columns), at least 16 x 16 pixels", array.shape, remedy)
+    if np.iscomplexobj(array) or not np.isfinite(counts).all() or (counts < 0).any() or (counts % 1).any():
+        reject(field, "raw counts: whole numbers of at least 0", array, "Scaled pictures have lost their noise's unit.")
     return counts
 
 

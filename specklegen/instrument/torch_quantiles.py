@@ -58,5 +58,5 @@ def poisson_quantile(mean: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
     root = torch.sqrt(large)
     t = (w / root).clamp(-HELD, HELD) * (1 / HELD)
     correction = _horner(CONSTANT, t) + (_horner(INVERSE, t) + _horner(SQUARE, t) / large) / large
-    found = torch.floor(large + root * w + w * w * _horner(QUADRATIC, t) + correction).clamp(min=0)
-    return torch.where(mean < SUMMED, count, found)
+    quantile = torch.floor(large + root * w + w * w * _horner(QUADRATIC, t) + correction).clamp(min=0)
+    return torch.where(mean < SUMMED, count, quantile)

@@ -9,17 +9,16 @@ independently; a dilution by volume takes its share. Its mu_s (1 - g) at 632.8, 
 """
 
 from specklegen.materials import indices
+from specklegen.materials.lobes import LOBES, lobe_of
 from specklegen.materials.preset import Checked, Number, Optics, Preset
-from specklegen.scene.scatterers import HenyeyGreenstein
 
 
-def make(wavelength: float, micrometre: float, *, dilution: float) -> Optics:
+def make(wavelength: float, micrometre: float, *, dilution: float, lobe: str = LOBES[0]) -> Optics:
     """Optics of a dilution of Intralipid-20 %."""
     nanometres = 1000 * wavelength
     scattering = dilution * 3.873e8 * nanometres**-2.397 / 1000
-    return Optics(
-        HenyeyGreenstein(g=1.090 - 6.812e-4 * nanometres), scattering, 0.0, indices.water(wavelength)
-    )  # fmt: skip
+    g = 1.090 - 6.812e-4 * nanometres
+    return Optics(lobe_of(lobe, g), scattering, 0.0, indices.water(wavelength))
 
 
 INTRALIPID = Preset(
@@ -31,6 +30,6 @@ INTRALIPID = Preset(
      "van Staveren et al., Applied Optics 30, 4507 (1991), for Intralipid-10 %: mu_s = 16 lambda^-2.4 / mm, "
      "g = 1.1 - 0.58 lambda, lambda in micrometres (read in works that cite it): for the same fat 28 % more mu_s at "
      "633 nm and the same mu_s (1 - g) within 1 %"),
-    make, "Henyey-Greenstein lobes of the measured g; the absorption of water is left out; above a tenth the droplets "
-    "screen each other.",
+    make, "Lobes of the measured g, of a family that is a choice: the droplets' own are those of intralipid-mie. The "
+    "absorption of water is left out; above a tenth the droplets screen each other.", LOBES,
 )  # fmt: skip

@@ -5,7 +5,7 @@ moved to the ends of its range alone, then all are drawn together, and so is the
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,11 +32,13 @@ class MemoryRange:
         With the numbers that are taken by default, or given; behind the first index outside.
     interval, wide_interval : (float, float)
         That hold 68 and 95 % of materials whose numbers are drawn evenly from their ranges, the index outside among
-        those named.
+        those named, the lobes among their families.
     each : Mapping[str, tuple[float, float]]
         With one number at either end of its range and the others by default.
     outside : Mapping[float | None, float]
         Behind each index outside, None for matched faces.
+    lobes : Mapping[str, float]
+        With each family of lobes that it may have, of the same g; empty where it may have one.
     sine : float
         Direction sine, in vacuum, of a q of 1: tilts in air are q times it.
     """
@@ -48,15 +50,17 @@ class MemoryRange:
     each: Mapping[str, tuple[float, float]]
     outside: Mapping[float | None, float]
     sine: float
+    lobes: Mapping[str, float] = field(default_factory=dict)
 
     def __str__(self) -> str:
         (low, high), (least, most) = self.interval, self.wide_interval
         degrees = np.rad2deg(np.arcsin(min(self.value * self.sine, 1.0)))
         lines = [f"{self.name}: memory range q = {self.value:.2g} ({degrees:.2g} degrees in air); 68 %: {low:.2g} to "
                  f"{high:.2g}; 95 %: {least:.2g} to {most:.2g}"]  # fmt: skip
-        lines += [f"  {field} at the ends of its range: {a:.2g}, {b:.2g}" for field, (a, b) in self.each.items()]
+        lines += [f"  {number} at the ends of its range: {a:.2g}, {b:.2g}" for number, (a, b) in self.each.items()]
         lines += [f"  {'matched faces' if index is None else f'index {index:g} outside'}: {value:.2g}"
                   for index, value in self.outside.items()]  # fmt: skip
+        lines += [f"  {family} lobes: {value:.2g}" for family, value in self.lobes.items()]
         return "\n".join(lines)
 
 
@@ -70,6 +74,7 @@ def memory_range(
     draws: int = 32,
     paths: int = 10_000,
     seed: Seed = 0,
+    lobe: str | None = None,
     **numbers: float,
 ) -> MemoryRange:
     """Memory range of a layer of a named material, along the axis in transmission, with its interval.
@@ -95,6 +100,8 @@ def memory_range(
         Of each estimate, which leave some sqrt(60 / paths) of the range.
     seed
         Of the draws.
+    lobe
+        Family of the lobes, one of ``about(name).lobes``, where it is known; it is drawn for the interval otherwise.
 
     Raises
     ------
@@ -119,27 +126,32 @@ def memory_range(
     require_measured(name, wavelength, numbers)
     free = about(name).left_open(numbers)
 
-    def value(index: float | None, **moved: float) -> float:
-        made = get(name, wavelength, unit=unit, **numbers, **moved)
+    lobes = about(name).lobes if lobe is None else ()
+
+    def value(index: float | None, family: str | None = lobe, moved: Mapping[str, float] | None = None) -> float:
+        made = get(name, wavelength, unit=unit, lobe=family, **(numbers | dict(moved or {})))
         if not isinstance(made, BulkMaterial):
             reject("materials.memory_range name", "a bulk", name, "One thin medium has no range: docs/screens.md.")
         return _half_range(made.slab(thickness, index), paths)
 
     rng = np.random.default_rng(stream_key(seed, Stream.MATERIALS))
-    spread = [
-        value(outside[int(rng.integers(len(outside)))], **{field: one.drawn(rng) for field, one in free.items()})
+    moved = [
+        (outside[int(rng.integers(len(outside)))], {number: one.drawn(rng) for number, one in free.items()})
         for _ in range(draws)
     ]
+    families = [lobes[int(n)] for n in rng.integers(len(lobes), size=draws)] if lobes else [lobe] * draws
+    spread = [value(index, family, given) for (index, given), family in zip(moved, families, strict=True)]
     behind = {index: value(index) for index in outside}
     return MemoryRange(
         name=name,
         value=behind[outside[0]],
         interval=_ends(spread, _SIGMA),
         wide_interval=_ends(spread, _TWO_SIGMA),
-        each={field: (value(outside[0], **{field: one.low}), value(outside[0], **{field: one.high}))
-              for field, one in free.items() if one.low < one.high},
+        each={number: (value(outside[0], lobe, {number: one.low}), value(outside[0], lobe, {number: one.high}))
+              for number, one in free.items() if one.low < one.high},
         outside=behind,
         sine=wavelength * 1e-6 / unit / (2 * np.pi * thickness),
+        lobes={family: value(outside[0], family) for family in lobes},
     )  # fmt: skip
 
 

@@ -105,6 +105,8 @@ class Preset:
     references : tuple of str
     doubts : str
         What the model leaves out.
+    lobes : tuple of str
+        Families of lobes that it may have, the first by default; none where its particles leave no choice.
     make : Callable
         Maps (vacuum wavelength in micrometres, units of length in a micrometre, **numbers) to :class:`Optics`, or to a
         thin medium.
@@ -117,6 +119,7 @@ class Preset:
     references: tuple[str, ...]
     make: Callable[..., Optics | GroundGlass] = field(repr=False)
     doubts: str = ""
+    lobes: tuple[str, ...] = ()
 
     def left_open(self, given: Collection[str]) -> dict[str, Number]:
         """Numbers that have a default, and a range, where those of some names are given."""
@@ -128,6 +131,7 @@ class Preset:
         low, high = self.wavelengths
         lines = [f"{self.name}: {self.summary}", f"  wavelength: {low:g} to {high:g} micrometres, in vacuum"]
         lines += [f"  {name} = {number}" for name, number in self.numbers.items()]
+        lines += [f"  lobe = {self.lobes[0]} (or {', '.join(self.lobes[1:])})"] if self.lobes else []
         lines += [f"  {self.doubts}"] if self.doubts else []
         return "\n".join(lines + [f"  [{n}] {text}" for n, text in enumerate(self.references, start=1)])
 

@@ -10,6 +10,7 @@ from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.materials.fog import FOG
 from specklegen.materials.ground_glass import GROUND_GLASS
 from specklegen.materials.intralipid import INTRALIPID
+from specklegen.materials.intralipid_mie import INTRALIPID_MIE
 from specklegen.materials.milk import MILK
 from specklegen.materials.paint import PAINT
 from specklegen.materials.preset import BulkMaterial, Preset
@@ -20,7 +21,7 @@ from specklegen.scene.screens import GroundGlass
 PRESETS: dict[str, Preset] = {
     preset.name: preset
     for preset in (
-        POLYSTYRENE, SILICA, INTRALIPID, MILK, SKIN, EPIDERMIS, DERMIS, FAT,
+        POLYSTYRENE, SILICA, INTRALIPID, INTRALIPID_MIE, MILK, SKIN, EPIDERMIS, DERMIS, FAT,
         BRAIN, BONE, MUSCLE, FOG, PAINT, GROUND_GLASS,
     )
 }  # fmt: skip
@@ -47,7 +48,9 @@ def about(name: str) -> Preset:
     return PRESETS[choice("materials name", name, names())]
 
 
-def get(name: str, wavelength: float, *, unit: float = 1e-6, **numbers: float) -> BulkMaterial | GroundGlass:
+def get(
+    name: str, wavelength: float, *, unit: float = 1e-6, lobe: str | None = None, **numbers: float
+) -> BulkMaterial | GroundGlass:
     """A material by its name.
 
     Parameters
@@ -58,6 +61,8 @@ def get(name: str, wavelength: float, *, unit: float = 1e-6, **numbers: float) -
         In vacuum, micrometres.
     unit
         Metres in the unit of length of what is returned; micrometres by default.
+    lobe
+        Family of the lobes that a g belongs to, one of ``about(name).lobes``; the first by default.
     **numbers
         Of the preset, in the units that ``about(name)`` states; what is left out has its default.
 
@@ -97,7 +102,8 @@ def get(name: str, wavelength: float, *, unit: float = 1e-6, **numbers: float) -
     require_measured(name, wavelength, numbers)
     given = {field: number.default for field, number in preset.left_open(numbers).items()} | numbers
     micrometre = 1e-6 / unit
-    made = preset.make(wavelength, micrometre, **given)
+    family = {} if lobe is None else {"lobe": known_lobe(name, lobe)}
+    made = preset.make(wavelength, micrometre, **given, **family)
     if isinstance(made, GroundGlass):
         return made
     extinction = made.scattering + made.absorption
@@ -124,6 +130,20 @@ def known_wavelength(name: str, wavelength: float) -> float:
     return float(wavelength)
 
 
+def known_lobe(name: str, lobe: str) -> str:
+    """Return a family of lobes that a preset may have.
+
+    Raises
+    ------
+    RuleError
+        If it has none of that name.
+    """
+    lobes = about(name).lobes
+    if not lobes:
+        reject(f"materials.get({name!r}) lobe", "left out: its particles leave no choice", lobe)
+    return choice(f"materials.get({name!r}) lobe", lobe, lobes)
+
+
 def require_measured(name: str, wavelength: float, given: Iterable[str]) -> None:
     """Refuse to take a number of a preset, or its range, at wavelengths at which it is not known.
 
@@ -143,9 +163,11 @@ def require_measured(name: str, wavelength: float, given: Iterable[str]) -> None
 
 
 def draw(
-    name: str, wavelength: float, *, seed: Seed, unit: float = 1e-6, **numbers: float
+    name: str, wavelength: float, *, seed: Seed, unit: float = 1e-6, lobe: str | None = None, **numbers: float
 ) -> BulkMaterial | GroundGlass:
     """A material by its name, what is not given drawn evenly from the ranges of the literature.
+
+    A family of lobes is drawn as well, where a material may have several.
 
     Parameters
     ----------
@@ -157,6 +179,8 @@ def draw(
         A whole number, or a sequence of them: another one draws another material.
     unit
         Metres in the unit of length of what is returned; micrometres by default.
+    lobe
+        Family of the lobes, one of ``about(name).lobes``, where it is known.
     **numbers
         What is known, in the units that ``about(name)`` states; all else is drawn.
     """
@@ -164,4 +188,7 @@ def draw(
     rng = np.random.default_rng(stream_key(seed, Stream.MATERIALS))
     spread = {field: number.drawn(rng) for field, number in about(name).left_open(()).items()}
     kept = about(name).left_open(numbers)
-    return get(name, wavelength, unit=unit, **({field: spread[field] for field in kept} | numbers))
+    lobes = about(name).lobes
+    if lobes and lobe is None:
+        lobe = lobes[int(rng.integers(len(lobes)))]
+    return get(name, wavelength, unit=unit, lobe=lobe, **({field: spread[field] for field in kept} | numbers))

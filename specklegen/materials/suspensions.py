@@ -18,9 +18,9 @@ from specklegen.scene.scatterers import Mie, Tabulated
 from specklegen.scene.scatterers.tabulated import tabulated
 
 if TYPE_CHECKING:
-    from scipy import stats
+    from scipy import special, stats
 else:
-    stats = LazyModule("scipy.stats")
+    special, stats = LazyModule("scipy.special"), LazyModule("scipy.stats")
 
 NODES = 128
 """Sizes of a distribution: equal shares of what is scattered or of the volume."""
@@ -57,6 +57,13 @@ def modified_gamma(power: float, slope: float, nodes: int = NODES) -> Sizes:
     """Numbers proportional to r^power e^(-slope r), of a mean square radius of 1."""
     radii = stats.gamma.ppf(_middles(nodes), power + 3, scale=1 / slope)  # equal shares of r^2
     return Sizes(radii=radii, numbers=1 / nodes / radii**2)
+
+
+def exponential(length: float, largest: float, nodes: int = NODES) -> Sizes:
+    """Numbers proportional to e^(-d / length) up to a largest diameter d, of volume 1."""
+    most = special.gammainc(4, largest / length)  # equal shares of the volume, d^3 e^(-d / length)
+    radii = length / 2 * special.gammaincinv(4, _middles(nodes) * most)
+    return Sizes(radii=radii, numbers=1 / nodes / (4 / 3 * math.pi * radii**3))
 
 
 class Suspension(NamedTuple):

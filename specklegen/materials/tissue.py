@@ -11,8 +11,8 @@ Rayleigh scattering (ibid., Eq. 2).
 from collections.abc import Mapping
 
 from specklegen.materials.absorption import BAND, FAT_BAND, of_tissue
+from specklegen.materials.lobes import LOBES, lobe_of
 from specklegen.materials.preset import Checked, Number, Optics, Preset
-from specklegen.scene.scatterers import HenyeyGreenstein
 
 _JACQUES = "Jacques, Physics in Medicine and Biology 58, R37 (2013)"
 _PARTS = ("blood", "oxygenation", "fat", "melanin")
@@ -21,7 +21,7 @@ _PARTS = ("blood", "oxygenation", "fat", "melanin")
 def make(
     wavelength: float, micrometre: float, *, a: float, b: float, g: float, water: float,
     absorption: float | None = None, blood: float = 0.0, oxygenation: float = 0.0, fat: float = 0.0,
-    melanin: float = 0.0, rayleigh: float = 0.0,
+    melanin: float = 0.0, rayleigh: float = 0.0, lobe: str = LOBES[0],
 ) -> Optics:  # fmt: skip
     """Optics of a tissue."""
     x = wavelength / 0.5
@@ -31,7 +31,7 @@ def make(
             wavelength, blood_share=blood, oxygenation=oxygenation, water_share=water, fat_share=fat,
             melanin_share=melanin,
         )  # fmt: skip
-    return Optics(HenyeyGreenstein(g=g), reduced / (1 - g), absorption / 1000, 1.514 - (1.514 - 1.33) * water)
+    return Optics(lobe_of(lobe, g), reduced / (1 - g), absorption / 1000, 1.514 - (1.514 - 1.33) * water)
 
 
 def _absorbing(numbers: Mapping[str, Number]) -> Mapping[str, Number]:
@@ -68,11 +68,11 @@ def _numbers(
 
 def _tissue(name: str, summary: str, numbers: Mapping[str, Number], *more: str, doubts: str = "") -> Preset:
     left_out = (
-        "Henyey-Greenstein lobes; the lobes of tissues differ from them at small angles. Fat, bilirubin and what else "
+        "Lobes of one of two families; those of tissues lie between them at small angles. Fat, bilirubin and what else "
         "absorbs beside blood and water are left out."
     )
     references = (_JACQUES + ": read in the source", *more)
-    return Preset(name, summary, (0.4, 1.3), numbers, references, make, f"{left_out} {doubts}".strip())
+    return Preset(name, summary, (0.4, 1.3), numbers, references, make, f"{left_out} {doubts}".strip(), LOBES)
 
 
 SKIN = _tissue(
@@ -130,7 +130,7 @@ def _layer_of_skin(
                     Checked.SOURCE),
         **held,
     })  # fmt: skip
-    return Preset(name, summary, (0.4, 1.3), numbers, (source,), make, f"{doubts} {_LEFT}")
+    return Preset(name, summary, (0.4, 1.3), numbers, (source,), make, f"{doubts} {_LEFT}".strip(), LOBES)
 
 
 _WET = Number(0.65, 0.2, 0.7, "", "share of water, which gives the refractive index, and absorbs",
@@ -141,7 +141,7 @@ EPIDERMIS = _layer_of_skin(
     {"water": _WET,
      "melanin": Number(0.03, 0.013, 0.43, "", "share of melanosomes: .013 to .063 in light skin, .18 to .43 in dark",
                        "Jacques, Skin optics (Oregon Medical Laser Center)", Checked.NOT)},
-    "One kind of melanin; Henyey-Greenstein lobes.",
+    "One kind of melanin.",
 )  # fmt: skip
 
 DERMIS = _layer_of_skin(
@@ -150,7 +150,7 @@ DERMIS = _layer_of_skin(
      "blood": Number(0.0041, 0.0005, 0.0157, "", "share of whole blood, 150 g of haemoglobin a litre",
                      f"{_JACQUES}, table 3", Checked.SOURCE),
      "oxygenation": _OXYGENATION},
-    "Henyey-Greenstein lobes.",
+    "",
 )  # fmt: skip
 
 FAT = _layer_of_skin(
@@ -159,5 +159,5 @@ FAT = _layer_of_skin(
     {"water": Number(0.3, 0.1, 0.4, "", "stands for an index of 1.46, and absorbs", "A choice of the user",
                      Checked.ASSUMED),
      "fat": Number(0.7, 0.6, 0.9, "", "share of fat", "The rest of it but water", Checked.ASSUMED)},
-    "Henyey-Greenstein lobes; its blood is left out.",
+    "Its blood is left out.",
 )  # fmt: skip

@@ -100,27 +100,27 @@ def _window(
         axes = [_Axis(breaks, rates + 2 / radius) for breaks, rates in axes]
     if not window.separable and len(axes) == 2:  # x = r sin(angle): smooth where the chord across shrinks to nothing
         angles = np.arcsin(np.clip(axes[0].breaks / radius, -1, 1))
-        found = _panels(_Axis(angles, axes[0].rates * radius), np.inf, fineness, most)
-        if found is None:
+        rule = _panels(_Axis(angles, axes[0].rates * radius), np.inf, fineness, most)
+        if rule is None:
             return None
-        angle, weight = found
+        angle, weight = rule
         reaches = radius * np.cos(angle)
         first, weight = radius * np.sin(angle), weight * reaches
     else:
-        found = _panels(axes[0], reach, fineness, most)
-        if found is None:
+        rule = _panels(axes[0], reach, fineness, most)
+        if rule is None:
             return None
-        first, weight = found
+        first, weight = rule
         reaches = np.full(len(first), reach)
     if len(axes) == 1:
         positions, weights = first[:, None], weight
     else:
         rows, total = [], 0
         for x, w, half in zip(first, weight, reaches, strict=True):
-            found = _panels(axes[1], half, fineness, most - total)
-            if found is None:
+            rule = _panels(axes[1], half, fineness, most - total)
+            if rule is None:
                 return None
-            y, v = found
+            y, v = rule
             total += len(y)
             rows.append((np.stack([np.full_like(y, x), y], axis=1), w * v))
         if not rows:
@@ -158,7 +158,7 @@ def _along(ends: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def _crossings(edges: list[np.ndarray], origins: np.ndarray, light: np.ndarray) -> np.ndarray:
     """Distances float64[R, K] at which rays cross faces inside the medium, rising; all the same where they miss it."""
     near, far = np.full(len(origins), -np.inf), np.full(len(origins), np.inf)
-    found = []
+    crossings = []
     for axis, faces in enumerate(edges):
         position = origins[:, axis, None]
         if light[axis] == 0:
@@ -169,10 +169,10 @@ def _crossings(edges: list[np.ndarray], origins: np.ndarray, light: np.ndarray) 
             crossed = (faces - position) / light[axis]
         near = np.maximum(near, crossed.min(axis=1))
         far = np.minimum(far, crossed.max(axis=1))
-        found.append(crossed)
+        crossings.append(crossed)
     missed = near >= far
     near, far = np.where(missed, 0.0, near), np.where(missed, 0.0, far)
-    return np.sort(np.clip(np.concatenate(found, axis=1), near[:, None], far[:, None]), axis=1)
+    return np.sort(np.clip(np.concatenate(crossings, axis=1), near[:, None], far[:, None]), axis=1)
 
 
 def _lit(medium: Box | VoxelGrid, points: np.ndarray, weights: np.ndarray) -> Nodes:

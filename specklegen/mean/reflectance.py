@@ -104,16 +104,16 @@ class ReflectanceTransmittance(Pictured):
         named = {name: getattr(self, name) for name in ("reflectance", "transmittance", "absorptance")}
         if self.sides:
             named["sides"] = self.sides
-        told = {name: f"{value:.4g} ± {getattr(self, f'{name}_error'):.1g}" for name, value in named.items()}
-        return told | {"specular": self.specular, "ballistic": self.ballistic, "paths": self.paths}
+        shares = {name: f"{value:.4g} ± {getattr(self, f'{name}_error'):.1g}" for name, value in named.items()}
+        return shares | {"specular": self.specular, "ballistic": self.ballistic, "paths": self.paths}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Both densities over the angle, bars of two standard errors."""
         middles = np.rad2deg((self.angles[1:] + self.angles[:-1]) / 2)
         lead = f"{label}: " if label else ""
         for name in ("reflected", "transmitted"):
-            found, error = getattr(self, name), getattr(self, f"{name}_error")
-            axes.errorbar(middles, found, 2 * error, fmt="o-", ms=3, lw=1, label=lead + name)
+            density, error = getattr(self, name), getattr(self, f"{name}_error")
+            axes.errorbar(middles, density, 2 * error, fmt="o-", ms=3, lw=1, label=lead + name)
         axes.set(xlabel="angle from the normal (degrees)", ylabel="share of the light per steradian")
         axes.set_ylim(bottom=0)
         axes.legend()
@@ -188,8 +188,10 @@ def reflectance_transmittance(
         return _balance(medium, angle, edges, count, seed, stream, threads)
 
     def pilot(count: int) -> float:
-        found = run(count, pilot_seed(medium.fingerprint()), Stream.PILOT)
-        return max(found.reflectance_error, found.transmittance_error, found.absorptance_error, found.sides_error)
+        balance = run(count, pilot_seed(medium.fingerprint()), Stream.PILOT)
+        return max(
+            balance.reflectance_error, balance.transmittance_error, balance.absorptance_error, balance.sides_error
+        )
 
     count = budget.count(pilot)
     require_walkable(owner, medium, count)
@@ -257,8 +259,8 @@ def _unscattered(medium: PlaneMedium, angle: float, cosine: float) -> tuple[floa
 
 def _total(weights: Any, straight: Any, least: float) -> Share:
     """Mean of what each path adds to the unscattered light, and its standard error, ``least`` at least."""
-    found = weights + straight if len(weights) else np.array([straight])
-    return Share(float(found.mean()), max(float(found.std() / np.sqrt(len(found))), least))
+    samples = weights + straight if len(weights) else np.array([straight])
+    return Share(float(samples.mean()), max(float(samples.std() / np.sqrt(len(samples))), least))
 
 
 def _density(weights: np.ndarray, exits: Exits, edges: np.ndarray, ratio: float, least: float) -> Share:

@@ -127,10 +127,10 @@ def _layer(depth: float, albedo: float, g: float, mu: np.ndarray, w: np.ndarray,
     halvings = int(np.ceil(np.log2(max(depth / THINNEST, 1.0))))
     depth /= 2**halvings
     straight, scattered = np.exp(-depth / mu), -albedo * np.expm1(-depth / mu)
-    found = ahead / lost * scattered, back / lost * scattered, straight
+    layer = ahead / lost * scattered, back / lost * scattered, straight
     for _ in range(halvings):
-        found = _added(found, found, w)
-    return found
+        layer = _added(layer, layer, w)
+    return layer
 
 
 def _added(top: Kernels, below: Kernels, w: np.ndarray) -> Kernels:

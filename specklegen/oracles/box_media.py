@@ -92,10 +92,10 @@ class Medium:
 
     def cells(self, x: np.ndarray) -> np.ndarray:
         """Index of the box that holds each point, int64[n]; -1 in vacuum."""
-        found = np.full(len(x), -1)
+        index = np.full(len(x), -1)
         for cell, (lower, upper) in enumerate(zip(self.lower, self.upper, strict=True)):
-            found[((x >= lower) & (x <= upper)).all(axis=-1)] = cell
-        return found
+            index[((x >= lower) & (x <= upper)).all(axis=-1)] = cell
+        return index
 
     def optical_depth(self, x: np.ndarray, w: np.ndarray, length: np.ndarray | float) -> np.ndarray:
         """Integral of sigma_t from x float64[n, d] along w float64[..., n, d] over the length: float64[..., n]."""

@@ -50,29 +50,29 @@ def moved(
     gas: CylinderGas, centres: np.ndarray, step: float, rng: np.random.Generator, clear: np.ndarray
 ) -> np.ndarray:
     """Centres float64[N, 2] after one Gaussian step each, ``step`` its standard deviation along an axis."""
-    found = centres + step * rng.standard_normal(centres.shape)
+    places = centres + step * rng.standard_normal(centres.shape)
     radius = gas.cylinder.radius
-    while len(found):
-        bad = cKDTree(found).query_pairs(2 * radius, output_type="ndarray").max(axis=1)
+    while len(places):
+        bad = cKDTree(places).query_pairs(2 * radius, output_type="ndarray").max(axis=1)
         if len(clear):
-            bad = np.append(bad, np.flatnonzero(cKDTree(clear).query(found)[0] <= radius))
+            bad = np.append(bad, np.flatnonzero(cKDTree(clear).query(places)[0] <= radius))
         if not len(bad):
             break
-        found[bad.min()] = centres[bad.min()] + step * rng.standard_normal(2)
-    return found
+        places[bad.min()] = centres[bad.min()] + step * rng.standard_normal(2)
+    return places
 
 
 def _carried(
     gas: CylinderGas, centres: np.ndarray, time: float, flow: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray:
     """Centres float64[N, 2] a time later; pairs that would come to overlap stay where they were."""
-    found, radius = centres + time * flow(centres), gas.cylinder.radius
-    while len(found):
-        pairs = cKDTree(found).query_pairs(2 * radius, output_type="ndarray").ravel()
+    places, radius = centres + time * flow(centres), gas.cylinder.radius
+    while len(places):
+        pairs = cKDTree(places).query_pairs(2 * radius, output_type="ndarray").ravel()
         if not len(pairs):
             break
-        found[pairs] = centres[pairs]
-    return found
+        places[pairs] = centres[pairs]
+    return places
 
 
 def temporal_correlation(
@@ -126,14 +126,14 @@ def temporal_correlation(
         """Before any motion and after each lag, complex128[1 + X, V, L]."""
         rng = np.random.default_rng(np.random.SeedSequence([seed, number, 1]))
         centres = gas.placement(seed, number, clear)
-        found = [sensor(scatter(gas.cylinder, centres, light)).T]
+        series = [sensor(scatter(gas.cylinder, centres, light)).T]
         for step, time in zip(steps, np.diff(x, prepend=0.0), strict=True):
             if step > 0:
                 centres = moved(gas, centres, step, rng, clear) if flow is None else _carried(gas, centres, time, flow)
-                found.append(sensor(scatter(gas.cylinder, centres, light)).T)
+                series.append(sensor(scatter(gas.cylinder, centres, light)).T)
             else:
-                found.append(found[-1])
-        return np.array(found)
+                series.append(series[-1])
+        return np.array(series)
 
     def run(batch: int) -> np.ndarray:
         """Sums of u_0 u_x*, |u_x|^2, u_x and 1: complex128[4, 1 + X, V, L]."""

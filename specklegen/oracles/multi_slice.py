@@ -106,9 +106,9 @@ def multi_slice(
     power = np.square(sines) + np.square(sines)[:, None]
     views = (power < reach**2) & (power > 0)  # without what was not scattered
     kept = np.exp(-motion * power).astype(np.float32) if motion else None
-    found = [_realization(_screens([seed, n], parts, kept), [0, *bins], views, sines) for n in range(realizations)]
+    curves = [_realization(_screens([seed, n], parts, kept), [0, *bins], views, sines) for n in range(realizations)]
     tilts = np.array(bins) * wavelength / (pitch * size)
-    return MultiSlice(tilts, np.array([every for every, _ in found]), np.array([axis for _, axis in found]))
+    return MultiSlice(tilts, np.array([every for every, _ in curves]), np.array([axis for _, axis in curves]))
 
 
 def slice_views(
@@ -143,7 +143,7 @@ def slice_views(
 
 def _parts(medium: PlaneMedium, wavelength: float, pitch: float, size: int) -> list[_Part]:
     """Layers one after the other."""
-    sines, found = np.fft.fftfreq(size, pitch / wavelength), []
+    sines, parts = np.fft.fftfreq(size, pitch / wavelength), []
     power = np.square(sines) + np.square(sines)[:, None]
     cosine = np.sqrt(np.clip(1 - power, 0, None))
     for layer in medium.layers:
@@ -151,8 +151,8 @@ def _parts(medium: PlaneMedium, wavelength: float, pitch: float, size: int) -> l
         step = layer.thickness / count
         half = np.where(power < 1, np.exp(1j * np.pi / wavelength * step * (cosine - 1)), 0)
         amplitude = np.sqrt(_spectrum(layer.scatterer, sines) * (step / layer.mean_free_path))
-        found.append(_Part(count, half.astype(np.complex64), amplitude.astype(np.float32)))
-    return found
+        parts.append(_Part(count, half.astype(np.complex64), amplitude.astype(np.float32)))
+    return parts
 
 
 def _check(slab: PlaneMedium, wavelength: float, pitch: float) -> None:
@@ -231,8 +231,8 @@ def _spectra(
 
 def _realization(screens, bins, views, sines):
     """|K| over all views, and C_I about the axis, of each tilt but the first: float64[T] each."""
-    found = _spectra(screens, len(sines), [(tilt, 0) for tilt in bins])
-    spectra = [np.roll(each, -tilt, axis=1) for each, tilt in zip(found, bins, strict=True)]
+    unshifted = _spectra(screens, len(sines), [(tilt, 0) for tilt in bins])
+    spectra = [np.roll(each, -tilt, axis=1) for each, tilt in zip(unshifted, bins, strict=True)]
     every = np.array([_joined(spectra[0], other) for other in spectra[1:]])
     where = np.broadcast_to(sines, views.shape)[views]
     axis = [_axis(spectra[0][views], other[views], where) for other in spectra[1:]]

@@ -60,12 +60,12 @@ def propagated_field(
     if points.ndim != 2 or points.shape[1] != 3 or not (points[:, 2] > 0).all():
         reject("propagated_field points", "of shape (P, 3) with z > 0", points)
     k, cell = 2 * np.pi / wavelength, (x[1] - x[0]) * (y[1] - y[0])
-    found = np.empty(len(points), complex)
+    propagated = np.empty(len(points), complex)
     for n, (px, py, z) in enumerate(points):
         distance = np.sqrt((px - x) ** 2 + (py - y[:, None]) ** 2 + z * z)
         kernel = z / distance * (1 / distance - 1j * k) * np.exp(1j * k * distance) / distance
-        found[n] = cell * (kernel * field).sum() / (2 * np.pi)
-    return found
+        propagated[n] = cell * (kernel * field).sum() / (2 * np.pi)
+    return propagated
 
 
 def disc_axis(radius: float, z: float, wavelength: float = 1.0) -> complex:

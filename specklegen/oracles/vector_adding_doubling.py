@@ -110,7 +110,7 @@ def vector_adding_doubling(
     nodes = len(inside)
     mu = np.concatenate([inside, [incidence], views])
     weight = np.concatenate([2 * share * inside, np.zeros(1 + len(views))])  # 2 mu dmu over [0, 1]
-    found = np.zeros((2, len(views), len(azimuths), 4, 4))
+    scattered = np.zeros((2, len(views), len(azimuths), 4, 4))
     mirrored, crossed = _face(mu, index)
     harmonics = [_harmonics(each, mu, orders) for each in matrices]
     for m in range(orders):
@@ -123,8 +123,8 @@ def vector_adding_doubling(
         phase = np.exp(1j * m * np.asarray(azimuths, np.float64)) * (1 if m == 0 else 2)  # -m is the conjugate of m
         for n, kernel in enumerate((through, back)):
             seen = kernel.reshape(len(mu), 4, len(mu), 4)[nodes + 1 :, :, nodes]
-            found[n] += (phase[:, None, None] * seen[:, None]).real
-    return PolarisedLight(*(mu[nodes] * found))
+            scattered[n] += (phase[:, None, None] * seen[:, None]).real
+    return PolarisedLight(*(mu[nodes] * scattered))
 
 
 _SPINS = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -1j], [1j, 0]]])
@@ -196,9 +196,9 @@ def _between_faces(
     lower = np.block([[on * weight + way_on, back_up * weight], [back * weight, on_up * weight + way_on]])
     turned = np.kron(np.array([[0, 1], [1, 0]]), mirrored)  # what was up goes down at the upper face
     source = np.concatenate([lit_below, lit_above])
-    found = np.linalg.solve(np.eye(2 * size) - lower @ turned, source)
+    arriving = np.linalg.solve(np.eye(2 * size) - lower @ turned, source)
     leaving = np.zeros((2, size, size), complex)
-    leaving[0][:, part], leaving[1][:, part] = crossed @ found[:size], crossed @ found[size:]
+    leaving[0][:, part], leaving[1][:, part] = crossed @ arriving[:size], crossed @ arriving[size:]
     return leaving[0], leaving[1]
 
 
@@ -206,12 +206,12 @@ def _harmonics(matrix: PhaseMatrix, mu: np.ndarray, orders: int) -> np.ndarray:
     """Harmonics of the phase matrix, complex128[orders, 4, n, 4, n, 4]: down to down, to up; up to down, to up."""
     count = 2 * 2 ** int(np.ceil(np.log2(4 * orders + 2 * len(mu))))  # of azimuths
     azimuth = 2 * np.pi * np.arange(count) / count
-    found = np.empty((orders, 4, len(mu), 4, len(mu), 4), complex)
+    harmonics = np.empty((orders, 4, len(mu), 4, len(mu), 4), complex)
     for n, (arriving, leaving) in enumerate(((1, 1), (1, -1), (-1, 1), (-1, -1))):
         for j, cosine in enumerate(mu):
             turned = _turned(matrix, arriving * cosine, leaving * mu[:, None], azimuth)  # [n, azimuths, 4, 4]
-            found[:, n, :, :, j] = np.moveaxis(np.fft.fft(turned, axis=1)[:, :orders], 1, 0) / count
-    return found
+            harmonics[:, n, :, :, j] = np.moveaxis(np.fft.fft(turned, axis=1)[:, :orders], 1, 0) / count
+    return harmonics
 
 
 def _frame(cosine: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -234,25 +234,25 @@ def _turned(matrix: PhaseMatrix, arriving: float, leaving: np.ndarray, azimuth: 
     plane = np.where(length > 1e-9, plane / np.maximum(length, 1e-300), theta)  # straight on and back: any plane
     normal = np.cross(before, plane)
     f11, f12, f33, f34 = matrix(cosine)
-    found = np.zeros((*cosine.shape, 4, 4))
-    found[..., 0, 0] = found[..., 1, 1] = f11
-    found[..., 0, 1] = found[..., 1, 0] = f12
-    found[..., 2, 2] = found[..., 3, 3] = f33
-    found[..., 2, 3], found[..., 3, 2] = f34, -f34
+    phase = np.zeros((*cosine.shape, 4, 4))
+    phase[..., 0, 0] = phase[..., 1, 1] = f11
+    phase[..., 0, 1] = phase[..., 1, 0] = f12
+    phase[..., 2, 2] = phase[..., 3, 3] = f33
+    phase[..., 2, 3], phase[..., 3, 2] = f34, -f34
     into = _rotation((plane * theta).sum(-1), (plane * phi).sum(-1))
     plane = np.cross(normal, after)
     outof = _rotation((plane * theta_after).sum(-1), (plane * phi_after).sum(-1))
-    return np.swapaxes(outof, -1, -2) @ found @ into
+    return np.swapaxes(outof, -1, -2) @ phase @ into
 
 
 def _rotation(cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
     """Stokes vectors of a frame turned by an angle, float64[..., 4, 4]."""
-    found = np.zeros((*np.shape(cosine), 4, 4))
-    found[..., 0, 0] = found[..., 3, 3] = 1
-    found[..., 1, 1] = found[..., 2, 2] = np.square(cosine) - np.square(sine)
-    found[..., 1, 2] = 2 * sine * cosine
-    found[..., 2, 1] = -found[..., 1, 2]
-    return found
+    rotation = np.zeros((*np.shape(cosine), 4, 4))
+    rotation[..., 0, 0] = rotation[..., 3, 3] = 1
+    rotation[..., 1, 1] = rotation[..., 2, 2] = np.square(cosine) - np.square(sine)
+    rotation[..., 1, 2] = 2 * sine * cosine
+    rotation[..., 2, 1] = -rotation[..., 1, 2]
+    return rotation
 
 
 Layer = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]

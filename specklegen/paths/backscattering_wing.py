@@ -48,12 +48,12 @@ def excess_bound(
     single = _density(scatterer, distance**2 / 2 - 1, dimensions)
     thinnest = 1 + 2 / optical_depth
     rates = (1.0, np.sqrt(thinnest), thinnest)
-    found = [_integrals(scatterer, dimensions, phase, rate, distance) for rate in rates]
+    integrals = [_integrals(scatterer, dimensions, phase, rate, distance) for rate in rates]
     back = _back_half(scatterer, dimensions)
     shares = [
         # Light thrown back twice returns to where it was: three scatterings then have ends as close as two.
         min((crossed / single if single > 0 else np.inf) + (back / rate) ** 2 * crossed / double, crossed / double)
-        for rate, (crossed, double) in zip(rates, found, strict=True)
+        for rate, (crossed, double) in zip(rates, integrals, strict=True)
     ]
     return float(min(albedo * max(shares), 1.0))
 

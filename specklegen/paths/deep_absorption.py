@@ -48,13 +48,13 @@ def dark_views(variances: tuple[float, ...], powers: np.ndarray) -> str | None:
     lit = float(np.max(powers, initial=0.0))
     dark = float(np.min(powers, initial=lit))
     if lit > 0 and dark < DARK * lit:
-        told = f"some are found at {dark / lit:.1g} of the brightest"
+        doubt = f"some are found at {dark / lit:.1g} of the brightest"
     elif variances and min(variances) == 0 < max(variances):
-        told = "next to no path crosses the absorbing medium to some"
+        doubt = "next to no path crosses the absorbing medium to some"
     else:
         return None
     return (
-        f"{told}, by which paths are chosen: their light and its error may be far too low. Ask for them in a scene of "
+        f"{doubt}, by which paths are chosen: their light and its error may be far too low. Ask for them in a scene of "
         "their own"
     )
 

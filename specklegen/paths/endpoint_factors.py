@@ -140,13 +140,13 @@ def _single_along_legs(layout: Layout, ways: Ways, bank: PathBank) -> np.ndarray
     pairs, which = np.unique(np.column_stack([bank.bounces, bank.types[:, :1]]), axis=0, return_inverse=True)
     for n, (one, other, _) in enumerate(pairs):
         like = np.flatnonzero(which == n)
-        found = np.empty((len(lights), len(views), 1), np.complex128)
+        factors = np.empty((len(lights), len(views), 1), np.complex128)
         alike = bank.select(like[:1])
         kernels.single_factors(
             layout.table, alike.records, alike.types, 0, np.ascontiguousarray(lights[:, one, :3]), 0,
-            np.ascontiguousarray(views[:, other, :3]), found,
+            np.ascontiguousarray(views[:, other, :3]), factors,
         )  # fmt: skip
-        out[..., like] = found
+        out[..., like] = factors
     return out
 
 
@@ -248,8 +248,8 @@ def contributions_of_pairs(layout: Layout, bank: PathBank) -> np.ndarray:
 
 def _end_powers(layout: Layout, bank: PathBank, endpoints: Endpoints, end: End) -> np.ndarray:
     """float64[n, M], |.|^2 of the factors of one end, whose phases nobody then needs."""
-    found = endpoint_factors(layout, bank, endpoints, end, turns=None if layout.ways is not None else _NO_PHASES)
-    return np.square(found.real) + np.square(found.imag)
+    factors = endpoint_factors(layout, bank, endpoints, end, turns=None if layout.ways is not None else _NO_PHASES)
+    return np.square(factors.real) + np.square(factors.imag)
 
 
 def _pairs(lights: np.ndarray, views: np.ndarray) -> np.ndarray:

@@ -121,8 +121,8 @@ def middle_light(scene: Scene) -> np.ndarray | None:
     The direction in the middle of the lights, where they are apart beside narrow lobes in whose near field paths go on
     (:mod:`specklegen.paths.kept_angles`), and near enough for slants and depths to stay. A film has that of its rest.
     """
-    found = _apart(scene)
-    if found is None or not found[1].spurious or scene.polarisers is not None or scene.slab.indices:
+    apart = _apart(scene)
+    if apart is None or not apart[1].spurious or scene.polarisers is not None or scene.slab.indices:
         return None
     lights = scene.at_rest.lights
     middle = reference_direction(lights)
@@ -135,20 +135,20 @@ def far_field_decision(scene: Scene) -> Decision | None:
 
     Views of one tilt do not matter: their grains are far finer than any lobe.
     """
-    found = _apart(scene)
-    if found is None or not found[1].spurious:
+    apart = _apart(scene)
+    if apart is None or not apart[1].spurious:
         return None
-    reach, lost = found
+    reach, lost = apart
     part = "far field of the scatterers"
-    said = (
+    reason = (
         f"not reached within a mean free path, {lost.far_field:.2g} of what it takes: between tilts as far apart as "
         f"{reach:.2g} beside a lobe {lobe_width(scene.slab.scatterer):.2g} wide, "
     )
     if middle_light(scene) is not None:
-        return Decision(part, False, said + "light keeps its angle to the lobe, which is that of the tilts' middle")
+        return Decision(part, False, reason + "light keeps its angle to the lobe, which is that of the tilts' middle")
     return Decision(
         part, False,
-        said + f"path sums lose up to {lost.loss:.2g} of the intensity correlation that light keeps, for beyond "
+        reason + f"path sums lose up to {lost.loss:.2g} of the intensity correlation that light keeps, for beyond "
         f"{SLANT**0.5:g} rad from their middle it keeps no angle to the lobe either", doubt=True, error=lost.loss,
     )  # fmt: skip
 

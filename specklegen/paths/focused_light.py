@@ -67,9 +67,9 @@ def narrow_lobes(scene: Scene, reverse: bool) -> list[Decision]:
         With the aperture that would pass.
     """
     lit = scene.replace(illumination=scene.beams)
-    told = far_field_decision(lit)
-    if told is None or not told.doubt or not len(scene.illumination.vectors):
-        return [] if told is None else [told]
+    decision = far_field_decision(lit)
+    if decision is None or not decision.doubt or not len(scene.illumination.vectors):
+        return [] if decision is None else [decision]
     lost = focus_loss(scene, reverse)
     if lost > ALLOWED:
         sines = np.hypot(*lit.beams.directions[:, :2].T)
@@ -87,7 +87,8 @@ def narrow_lobes(scene: Scene, reverse: bool) -> list[Decision]:
             "focus. Use a smaller aperture or a wider waist.",
         )  # fmt: skip
     return [Decision(
-        told.part, False, f"not reached within a mean free path, and beams of the cone meet lobes at angles of their "
+        decision.part, False,
+        f"not reached within a mean free path, and beams of the cone meet lobes at angles of their "
         f"own: at most {lost:.2g} of the light in focus is lost beside it, allowed {ALLOWED:g}",
     )]  # fmt: skip
 
@@ -122,7 +123,7 @@ def focus_moments(scene: Scene, reverse: bool, lens: Lens | None = None) -> Path
         axis = layout.at(np.array([0.0, 0.0, 1.0]), view.vectors[0]) if not view.near else None
         if axis is not None:
             power[once] *= np.square(np.abs(single_factors(axis, bank.select(once))[0, 0]))
-    found = PathMoments(0.0, 0.0)
+    worst = PathMoments(0.0, 0.0)
     for entering in np.square(np.abs(entrance_factors(layout, bank, amplitudes))):
         if not (power * entering).any():
             continue
@@ -131,5 +132,5 @@ def focus_moments(scene: Scene, reverse: bool, lens: Lens | None = None) -> Path
         else:
             light = PixelLight(scene, lens, layout, bank, np.array([0.0, 0.0, 1.0]), bank.weight * entering)
             own = light.pixel(bank.exit[:, :2])
-        found = max(found, own, key=lambda m: m.relative_variance)
-    return found
+        worst = max(worst, own, key=lambda m: m.relative_variance)
+    return worst

@@ -44,10 +44,10 @@ class Ends(NamedTuple):
         if self.polarisation == "projector":
             across = np.sqrt(2 / (1 + np.square(cos)))
             return np.stack([across, across * cos]).astype(np.complex128)
-        found = self.scatterers[kind].amplitude_matrix(cos)
+        matrices = self.scatterers[kind].amplitude_matrix(cos)
         scalar = self.scatterers[kind].amplitude(cos)
-        found = found * np.exp(-1j * np.angle(scalar))
-        return found * np.sqrt(2 / np.square(np.abs(found)).sum(axis=0))
+        matrices = matrices * np.exp(-1j * np.angle(scalar))
+        return matrices * np.sqrt(2 / np.square(np.abs(matrices)).sum(axis=0))
 
     def parts(self, cos: np.ndarray, kinds: np.ndarray | int = 0) -> tuple[np.ndarray, np.ndarray | None]:
         """S1 and (S2 - cos S1) / sin^2, complex128[..., M]; with them a scattering from i to v needs no plane.
@@ -86,9 +86,9 @@ def ends_of(medium: PlaneMedium) -> Ends | None:
 
 def require_ends(medium: PlaneMedium) -> Ends:
     """The same of a medium in which light is polarised."""
-    found = ends_of(medium)
-    assert found is not None, "it was asked for polarised light"
-    return found
+    ends = ends_of(medium)
+    assert ends is not None, "it was asked for polarised light"
+    return ends
 
 
 @remembered(16)
@@ -99,8 +99,8 @@ def type_matrices(medium: PlaneMedium) -> np.ndarray | None:
         return None if ends is None else read_only(np.empty((0, 0, 4)))
     place = np.linspace(0, 1, _TYPE_NODES)
     half = np.where(place <= 0.5, 2 * np.square(place), 1 - 2 * np.square(1 - place))
-    found = np.stack([_parts(each.amplitude_matrix(1 - 2 * half)) for each in ends.scatterers])
-    return read_only(found)
+    matrices = np.stack([_parts(each.amplitude_matrix(1 - 2 * half)) for each in ends.scatterers])
+    return read_only(matrices)
 
 
 def _parts(found: np.ndarray) -> np.ndarray:
@@ -115,37 +115,37 @@ def walk_matrices(ends: Ends) -> np.ndarray:
     if ends.polarisation == "projector":
         return read_only(np.empty((0, 4)))
     (particle,) = ends.scatterers
-    found = _parts(particle.amplitude_matrix(1 - walk_lobes(particle)[0].rows[:, lobes.NODE]))
-    return read_only(found)
+    matrices = _parts(particle.amplitude_matrix(1 - walk_lobes(particle)[0].rows[:, lobes.NODE]))
+    return read_only(matrices)
 
 
 def unfolded_matrices(jones: np.ndarray, bounces: np.ndarray) -> np.ndarray:
     """Matrices complex128[M, 2, 2] of walks between the frames of directions as they are unfolded, int8[M, 2] times."""
     signs = np.where(bounces % 2 == 1, -1.0, 1.0)
-    found = jones.copy()
-    found[:, :, 1] *= signs[:, 0, None]
-    found[:, 1, :] *= signs[:, 1, None]
-    return found
+    matrices = jones.copy()
+    matrices[:, :, 1] *= signs[:, 0, None]
+    matrices[:, 1, :] *= signs[:, 1, None]
+    return matrices
 
 
 def connection_matrices(ends: Ends, bank: PathBank, light: np.ndarray, view: np.ndarray) -> np.ndarray:
     """J complex128[M, 2, 2] of connections of a polarised walk, for a light and a view float64[3] (of travel)."""
-    found = np.empty((len(bank), 2, 2), np.complex128)
+    matrices = np.empty((len(bank), 2, 2), np.complex128)
     once = bank.orders == 1
     here, there = laboratory_frame(light), laboratory_frame(view)
-    found[once] = scattering(ends, light, here, view, there, bank.types[once, 0])
+    matrices[once] = scattering(ends, light, here, view, there, bank.types[once, 0])
     turned = once & (bank.bounces.sum(axis=1) % 2 == 1)
     if turned.any():
-        found[turned] = scattering(ends, light, here, view * MIRROR, there * MIRROR, bank.types[turned, 0])
+        matrices[turned] = scattering(ends, light, here, view * MIRROR, there * MIRROR, bank.types[turned, 0])
     many = bank.select(~once)
     assert many.jones is not None, "the walk was polarised"
     first, last = many.entry_direction, many.exit_direction
     into = scattering(ends, light, here, first, walk_frame(first), many.types[:, 0])
-    found[~once] = scattering(ends, last, walk_frame(last), view, there, many.types[:, 1]) @ many.jones @ into
+    matrices[~once] = scattering(ends, last, walk_frame(last), view, there, many.types[:, 1]) @ many.jones @ into
     if ends.faces.matched:
-        return found
+        return matrices
     entering, leaving = (crossing_matrices(ends.faces, each) for each in (light, view))
-    return leaving[bank.bounces[:, 1]] @ found @ entering[bank.bounces[:, 0]]
+    return leaving[bank.bounces[:, 1]] @ matrices @ entering[bank.bounces[:, 0]]
 
 
 def scattering(
@@ -158,11 +158,11 @@ def scattering(
     if np.ndim(kinds) and not cos.ndim:  # one scattering of particles of several types
         cos = np.full(np.shape(kinds), cos)
     across, aside = ends.parts(cos, kinds)
-    found = across[..., None, None] * np.einsum("...ij,...kj->...ik", other, frame)
+    matrices = across[..., None, None] * np.einsum("...ij,...kj->...ik", other, frame)
     if aside is None:
-        return found.astype(np.complex128)
+        return matrices.astype(np.complex128)
     leaving, arriving = np.einsum("...ij,...j->...i", other, before), np.einsum("...ij,...j->...i", frame, after)
-    return found - aside[..., None, None] * leaving[..., :, None] * arriving[..., None, :]
+    return matrices - aside[..., None, None] * leaving[..., :, None] * arriving[..., None, :]
 
 
 MIRROR = np.array([1.0, 1.0, -1.0])
@@ -188,8 +188,8 @@ class Analysed(NamedTuple):
         if sum(bounces) % 2:
             views, passed = views * MIRROR, passed * MIRROR
         across, aside = self.ends.parts(lights @ views.T, kind)
-        found = across * (entering @ passed.T)
-        return found if aside is None else found - aside * (entering @ views.T) * (lights @ passed.T)
+        amplitude = across * (entering @ passed.T)
+        return amplitude if aside is None else amplitude - aside * (entering @ views.T) * (lights @ passed.T)
 
     def arriving(self, bank: PathBank, lights: np.ndarray) -> np.ndarray:
         """Both components complex128[2, T, M] of what arrives at x_B, of connections of multiple scattering."""
@@ -221,10 +221,10 @@ class Analysed(NamedTuple):
         """Parts complex128[n, M] of the same along vectors float64[M, 3], by reflections int8[M]."""
         if self.ends.faces.matched:
             return _vectors(field[None], directions) @ axes.T
-        found = np.empty((len(directions), len(axes)), np.complex128)
+        parts = np.empty((len(directions), len(axes)), np.complex128)
         for m in np.unique(bounces):
-            found[:, bounces == m] = self._seen(field, directions, int(m)) @ axes[bounces == m].T
-        return found
+            parts[:, bounces == m] = self._seen(field, directions, int(m)) @ axes[bounces == m].T
+        return parts
 
 
 def _sent(across: np.ndarray, along: np.ndarray, aside: np.ndarray | None, out: np.ndarray) -> np.ndarray:
@@ -246,5 +246,5 @@ def _axes(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def laboratory_frame(direction: np.ndarray) -> np.ndarray:
     """Return x and y float64[2, 3], turned as the axis is, the shortest way into a direction float64[3]."""
-    found = walk_frame(direction)
-    return found * np.array([[1.0], [np.copysign(1.0, direction[2])]])
+    frame = walk_frame(direction)
+    return frame * np.array([[1.0], [np.copysign(1.0, direction[2])]])

@@ -150,9 +150,9 @@ class LegsOf:
             row[:, PHASE], row[:, ALONG] = phase[number], along[k]
             row[:, ASIDE : ASIDE + 2] = vectors[:, :2] * aside[number][:, None]
             row[:, SLOPE : SLOPE + 2] = vectors[:, :2] * optic.slope[k][:, None]
-        found = self.layers
+        layers = self.layers
         faces = np.array([known.edges[legs[n].layer + (0 if legs[n].down else 1)] for n in order])
-        return Legs(faces, np.searchsorted(found, np.arange(len(known.indices) + 1)), rows)
+        return Legs(faces, np.searchsorted(layers, np.arange(len(known.indices) + 1)), rows)
 
     def _asides(self, optic: "_Optic") -> np.ndarray:
         """Lateral ways, over the sine, to where legs enter their layers, float64[L, D], parents first."""

@@ -134,12 +134,12 @@ def _turned(scene: Scene, layout: Layout, bank: PathBank) -> float:
     gaps = lights[:, :2] + middle[:2]
     gap = 2 * gaps[np.square(gaps).sum(-1).argmax()]
     middle /= np.linalg.norm(middle)
-    sine, found = scene.sensor.aperture, []  # type: ignore[attr-defined]
+    sine, correlations = scene.sensor.aperture, []  # type: ignore[attr-defined]
     for x, y in ((0, 0), (sine, 0), (-sine, 0), (0, sine), (0, -sine)):
         view = np.array([x, y, scene.side * np.sqrt(1 - sine**2 * bool(x or y))])
         weights = contributions(layout.at(middle, view), bank)
         if not weights.any():
             return np.inf
         way = sideways(bank, middle) + depths(scene, bank)[:, None] * (view[:2] / abs(view[2]))
-        found.append(weights @ np.exp(-1j * scene.wavenumber * (way @ gap)) / weights.sum())
-    return float(np.abs(np.array(found[1:]) - found[0]).max())
+        correlations.append(weights @ np.exp(-1j * scene.wavenumber * (way @ gap)) / weights.sum())
+    return float(np.abs(np.array(correlations[1:]) - correlations[0]).max())

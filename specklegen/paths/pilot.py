@@ -160,7 +160,7 @@ def mean_intensity(tracer: Tracer, reverse: bool, views: np.ndarray, seed: Seed,
     The mean over all lights and over the views of the numbers int64[n].
     """
     layout = tracer.layout.of_ends(slice(None), views)
-    found = np.zeros(paths)
+    intensities = np.zeros(paths)
     for start in range(0, paths, _MEAN_PATHS):
         count = min(_MEAN_PATHS, paths - start)
         bank = tracer.trace(seed, count, first=start, stream=Stream.PILOT, threads=1)
@@ -168,5 +168,5 @@ def mean_intensity(tracer: Tracer, reverse: bool, views: np.ndarray, seed: Seed,
         often = multiple_amplitudes(layout, more, bidirectional=tracer.bidirectional, reverse=reverse)
         for some, amplitudes in ((once, single_amplitudes(layout, once)), (more, often)):
             owner, powers = _columns(some, np.square(np.abs(amplitudes)))
-            found[start : start + count] += np.bincount(owner - start, powers.mean(axis=0), count)
-    return float(found.mean()), float(found.std() / np.sqrt(paths))
+            intensities[start : start + count] += np.bincount(owner - start, powers.mean(axis=0), count)
+    return float(intensities.mean()), float(intensities.std() / np.sqrt(paths))

@@ -68,15 +68,15 @@ def trace_layers_that_refract(
             records, numbers = np.empty((room, walk.RECORD)), np.empty((room, 2), np.int16)
             orders, types = np.empty(room, np.int32), np.empty((room, 2), np.int32)
             paths, ranks = np.empty(room, np.int64), np.empty(room, np.int64)
-            found, events, unfinished, unfinished_weight = refracting_walk.trace_refracting(
+            connections, events, unfinished, unfinished_weight = refracting_walk.trace_refracting(
                 where, (start, size), stack, particles, table, starts, beam, views, rules,
                 walk.Found(records, orders, paths, numbers, ranks), types,
             )  # fmt: skip
-            if found <= room:
+            if connections <= room:
                 break
-            room = found
+            room = connections
         records, orders, paths, types, numbers = (
-            a.take(ranks[:found], axis=0) for a in (records, orders, paths, types, numbers)
+            a.take(ranks[:connections], axis=0) for a in (records, orders, paths, types, numbers)
         )
         return PathBank(records, orders, paths, types, numbers, size, events, unfinished, unfinished_weight)
 

@@ -133,8 +133,8 @@ def volume_roulette(tracer: VolumeTracer, seed: Seed) -> VolumeTracer:
     judging = replace(tracer, threshold=1e-300)
     bank = judging.trace(seed, _FIRST_PATHS, stream=Stream.PILOT, threads=1)
     # The first paths may all be short: between the faces of a slab a few of them scatter OD^2 times.
-    found = max(len(bank), int(_FIRST_PATHS * _events_between_faces(tracer.layout.volume)), 1)
-    count = min(VOLUME_PATHS, _FIRST_PATHS * max(1, _PILOT_CONNECTIONS // found))
+    connections = max(len(bank), int(_FIRST_PATHS * _events_between_faces(tracer.layout.volume)), 1)
+    count = min(VOLUME_PATHS, _FIRST_PATHS * max(1, _PILOT_CONNECTIONS // connections))
     if count > _FIRST_PATHS:
         bank = judging.trace(seed, count, stream=Stream.PILOT, threads=1)
     if len(bank) < 4 * count:

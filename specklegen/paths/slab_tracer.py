@@ -210,16 +210,18 @@ def trace(
             if ends is not None:
                 room = np.empty((2, CARRIED)), np.empty(STEP), np.zeros((capacity, ENTRIES))
                 jones = Jones(walk_matrices(ends), *room)
-            found, events, unfinished, unfinished_weight = walk.trace_slab(
+            connections, events, unfinished, unfinished_weight = walk.trace_slab(
                 where, (start, size), layer, *walk_lobes(slab.scatterer), stretch, mirrors, light, probes, rules,
                 output, jones,
             )  # fmt: skip
-            if found <= capacity:
+            if connections <= capacity:
                 break
-            capacity = found
-        records, bounces, orders, paths = (a.take(ranks[:found], axis=0) for a in (records, bounces, orders, paths))
+            capacity = connections
+        records, bounces, orders, paths = (
+            a.take(ranks[:connections], axis=0) for a in (records, bounces, orders, paths)
+        )
         types = _types(shares, seed, sample, orders, paths)
-        turned = jones and jones.found.take(ranks[:found], axis=0).view(np.complex128).reshape(-1, 2, 2)
+        turned = jones and jones.found.take(ranks[:connections], axis=0).view(np.complex128).reshape(-1, 2, 2)
         if turned is not None and mirrors is not None:
             turned = unfolded_matrices(turned, bounces)
         return PathBank(records, orders, paths, types, bounces, size, events, unfinished, unfinished_weight, turned)

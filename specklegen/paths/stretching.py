@@ -105,8 +105,8 @@ def crossing_variance(nu: float, depth: float) -> float:
     connection from there is worth e^(-(depth - t)). The contribution w of a path then has
     Var w / (E w)^2 ~ e^(nu depth) max(1 - nu, 1/depth)^2 / (2 - nu).
     """
-    found = _unaided_variance(nu, depth)
-    return found if found > _SEEN else 0.0
+    variance = _unaided_variance(nu, depth)
+    return variance if variance > _SEEN else 0.0
 
 
 def draws_across(medium: PlaneMedium) -> bool:
@@ -185,8 +185,8 @@ def _mode(albedo: float, moments: np.ndarray) -> Mode:
     order = np.arange(len(loss))
     beside = order[1:] / np.sqrt((2 * order[1:] - 1.0) * (2 * order[1:] + 1) * loss[:-1] * loss[1:])
     largest, vector = _largest(beside)
-    found = vector / np.sqrt((2 * order + 1) * loss)
-    return Mode(min(1.0, 1 / largest), found / found[0])
+    profile = vector / np.sqrt((2 * order + 1) * loss)
+    return Mode(min(1.0, 1 / largest), profile / profile[0])
 
 
 def _largest(beside: np.ndarray) -> tuple[float, np.ndarray]:

@@ -84,15 +84,15 @@ def vertex_paths(slab: Slab, photons: int, kept: int, seed: Seed) -> VertexPaths
     """
     if not slab.faces.matched:
         reject("vertex_paths slab", "of matched faces, which reflect nothing", slab.faces, "Leave faces out.")
-    words, level, found = seed_words(seed), 0.0, []
+    words, level, parts = seed_words(seed), 0.0, []
     for part in range(-(-photons // PART)):
         count = min(PART, photons - part * PART)
         rng = np.random.Generator(np.random.Philox(np.random.SeedSequence((*words, part))))
         walked = _walk(slab, count, rng)
         if not level:
             level = _level(walked.weight, kept * count / photons)
-        found.append(_thinned(walked, level, rng, part))
-    whole = _joined(found, slab.mean_free_path)
+        parts.append(_thinned(walked, level, rng, part))
+    whole = _joined(parts, slab.mean_free_path)
     if not whole.weight.sum() > 0:
         reject("vertex_paths photons", "enough for some light to come back", photons, "None does.")
     return whole
@@ -207,5 +207,5 @@ def _turned(way: np.ndarray, cos: np.ndarray, azimuth: np.ndarray) -> np.ndarray
     x, y, z = way.T
     first = np.stack([np.where(steep, 1.0, x * z * over), np.where(steep, 0.0, y * z * over), -across], 1)
     second = np.stack([np.where(steep, 0.0, -y * over), np.where(steep, np.sign(z), x * over), 0 * x], 1)
-    found = cos[:, None] * way + (sine * np.cos(azimuth))[:, None] * first + (sine * np.sin(azimuth))[:, None] * second
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
+    turned = cos[:, None] * way + (sine * np.cos(azimuth))[:, None] * first + (sine * np.sin(azimuth))[:, None] * second
+    return turned / np.linalg.norm(turned, axis=1, keepdims=True)

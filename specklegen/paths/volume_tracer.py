@@ -112,17 +112,17 @@ def traced(
             jones = None
             if matrices is not None:
                 jones = Jones(matrices, np.empty((2, CARRIED)), np.empty(STEP), np.zeros((room, ENTRIES)))
-            found, events, unfinished, unfinished_weight = volume_walk.trace_volume(
+            connections, events, unfinished, unfinished_weight = volume_walk.trace_volume(
                 where, (start, size), volume, table, lobe is not None, lobe or closed_lobe(0.0), sources, probed, rules,
                 walk.Found(records, orders, paths, bounces, ranks), types, jones,
             )  # fmt: skip
-            if found <= room:
+            if connections <= room:
                 break
-            room = found
-        records, orders, paths, types = (a.take(ranks[:found], axis=0) for a in (records, orders, paths, types))
-        turned = jones and jones.found.take(ranks[:found], axis=0).view(np.complex128).reshape(-1, 2, 2)
+            room = connections
+        records, orders, paths, types = (a.take(ranks[:connections], axis=0) for a in (records, orders, paths, types))
+        turned = jones and jones.found.take(ranks[:connections], axis=0).view(np.complex128).reshape(-1, 2, 2)
         return PathBank(
-            records, orders, paths, types, bounces[:found], size, events, unfinished, unfinished_weight, turned
+            records, orders, paths, types, bounces[:connections], size, events, unfinished, unfinished_weight, turned
         )  # fmt: skip
 
     banks = map_blocks(block, range(first, first + count, BLOCK), threads)

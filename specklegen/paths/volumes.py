@@ -72,8 +72,8 @@ def volume_of(medium: Medium, dimension: int) -> Volume:
 
 def speeds(medium: Medium, layers: Sequence[Layer] | None = None) -> np.ndarray:
     """Speed of each of a medium's motions (or of some layers') beside the fastest, float64[n]; float64[0] at rest."""
-    found = fastest(medium.motions if layers is None else [layer.motion for layer in layers])
-    return np.empty(0) if found is None else found[1]
+    ranking = fastest(medium.motions if layers is None else [layer.motion for layer in layers])
+    return np.empty(0) if ranking is None else ranking[1]
 
 
 def mobility_at(volume: Volume, points: np.ndarray) -> np.ndarray:

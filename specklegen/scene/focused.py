@@ -193,12 +193,12 @@ class FocusedBeams(Light):
         sines, cosines, _ = self._modes(wavelength)
         amplitudes = self.amplitudes(wavelength) / np.sqrt(cosines)
         window, k = Window(self.profile, self.side(wavelength)), 2 * np.pi / wavelength
-        found = np.empty((len(self.points), len(places)), complex)
+        field = np.empty((len(self.points), len(places)), complex)
         step = max(1, _AT_ONCE // max(len(sines), 1))
         for start in range(0, len(places), step):
             some = places[start : start + step]
             lag = np.square(sines).sum(-1) / (1 + cosines)
             waves = np.exp(1j * k * (sines @ some[:, :2].T - lag[:, None] * some[:, 2]))
             aside = some[None, :, :2] - some[None, :, 2:] * (sines / cosines[:, None])[:, None]
-            found[:, start : start + step] = amplitudes @ (waves * window.amplitude(aside[..., 0], aside[..., 1]))
-        return found
+            field[:, start : start + step] = amplitudes @ (waves * window.amplitude(aside[..., 0], aside[..., 1]))
+        return field

@@ -97,16 +97,16 @@ class Pupil(Value):
         radius = np.hypot(x, y)
         over = np.maximum(radius, 1.0)
         x, y, radius = x / over, y / over, radius / over
-        found = np.ones(x.shape, complex)
+        amplitude = np.ones(x.shape, complex)
         if self.waist is not None:
-            found *= np.exp(-np.square(radius / self.waist))
+            amplitude *= np.exp(-np.square(radius / self.waist))
         if any(self.zernike):
             angle, turns = np.arctan2(y, x), np.zeros(x.shape)
             for j, coefficient in enumerate(self.zernike, start=1):
                 if coefficient:
                     turns += coefficient * zernike(j, radius, angle)
-            found *= np.exp(2j * np.pi * turns)
-        return found if self.measured is None else found * _between(self.measured, x, y)
+            amplitude *= np.exp(2j * np.pi * turns)
+        return amplitude if self.measured is None else amplitude * _between(self.measured, x, y)
 
 
 def zernike(j: int, radius: np.ndarray, angle: np.ndarray) -> np.ndarray:

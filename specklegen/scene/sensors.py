@@ -293,7 +293,7 @@ class FarFieldGrid(Sensor):
         """
         x, y = self.sines
         rows = np.sqrt(np.clip(1 - y**2, 0, None))
-        found = []
+        sines = []
         for d in directions:
             best = rows * d[0] / max(np.hypot(d[0], d[2]), 1e-300)
             beside = np.clip(np.floor((best - x[0]) / self.pitch), 0, max(len(x) - 2, 0)).astype(int)
@@ -301,8 +301,8 @@ class FarFieldGrid(Sensor):
             across = x[columns] * d[0] + y * d[1]
             towards = across + self.sign * d[2] * np.sqrt(np.clip(rows**2 - x[columns] ** 2, 0, None))
             candidate, row = np.unravel_index(towards.argmax(), towards.shape)
-            found.append((x[columns[candidate, row]], y[row]))
-        return directions_of_sines("FarFieldGrid.pitch", np.reshape(found, (-1, 2)), self.sign)
+            sines.append((x[columns[candidate, row]], y[row]))
+        return directions_of_sines("FarFieldGrid.pitch", np.reshape(sines, (-1, 2)), self.sign)
 
 
 def require_resolved(field: str, wavelength: float, width: float, pitch: float) -> None:

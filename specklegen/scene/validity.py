@@ -46,32 +46,32 @@ def idealisations(
     halves
         Independent polarisations that are added up beside it.
     """
-    found = []
+    decisions = []
     if scene.thin is None and not scene.volume.refracts and refractive_index != 1:
         index = "" if refractive_index is None else f" although the refractive index is {refractive_index:g}"
         remedy = "Slab.faces, or a laboratory's refractive_index" if not scene.volume.has_sides else "of a Slab alone"
-        found.append(Decision(
+        decisions.append(Decision(
             "faces", False, f"idealised: matched to the surroundings{index}; in air or water they reflect, and the "
             f"memory effect's range is half and less ({remedy})",
         ))  # fmt: skip
     if scene.polarisers is None:
         scalar = "idealised: light is a scalar in the medium"
         alone = "; what a thick medium depolarises has a contrast of 0.71 unless an analyser selects one polarisation"
-        told = scalar + (alone if halves == 1 else ", and leaves it depolarised")
-        found.append(Decision("polarisation", False, told))
+        reason = scalar + (alone if halves == 1 else ", and leaves it depolarised")
+        decisions.append(Decision("polarisation", False, reason))
     else:
-        found.append(Decision("polarisation", True, "carried along every path, and seen through an analyser"))
+        decisions.append(Decision("polarisation", True, "carried along every path, and seen through an analyser"))
     if not band:
-        found.append(Decision(
+        decisions.append(Decision(
             "bandwidth", False, "idealised: light of one wavelength; a band lowers the contrast where paths differ in "
             "length by more than its coherence length",
         ))  # fmt: skip
     if scene.illumination.limited:
-        found.append(Decision(
+        decisions.append(Decision(
             "iris", False, "idealised: none between medium and camera, which takes the light of the whole exit face; "
             "one smaller than the window makes larger grains",
         ))  # fmt: skip
-    return found
+    return decisions
 
 
 IDEALISED = ("faces", "polarisation", "bandwidth", "iris")
@@ -80,14 +80,14 @@ IDEALISED = ("faces", "polarisation", "bandwidth", "iris")
 
 def validity_decisions(scene: Scene) -> list[Decision]:
     """What the physics itself assumes of a scene, where it is doubtful."""
-    found = []
+    decisions = []
     wavelength = scene.wavelength
     width = scene.beams.width if scene.illumination.limited else np.inf
     doubt = None if scene.thin is not None else independence_doubt(scene.volume.mean_free_path, wavelength)
     if doubt:
-        found.append(Decision("independent scattering", True, f"assumed, but doubtful: {doubt}"))
+        decisions.append(Decision("independent scattering", True, f"assumed, but doubtful: {doubt}"))
     if width**2 < 10 * wavelength * scene.thickness:
-        found.append(
+        decisions.append(
             Decision(
                 "diffraction of the beam inside the slab",
                 False,
@@ -98,11 +98,11 @@ def validity_decisions(scene: Scene) -> list[Decision]:
         )
     angle = 0.0 if scene.thin is None else scene.thin.rms_angle(wavelength)
     if angle > WIDE:
-        found.append(
+        decisions.append(
             Decision(
                 "angles beyond the paraxial regime", False,
                 f"not modelled, and doubtful here: an rms angle of {angle:.2g} lengthens the walk between screens by "
                 f"some {150 * angle**2:.2g} %",
             )  # fmt: skip
         )
-    return found
+    return decisions

@@ -184,6 +184,6 @@ class Window:
 
     def cell_power(self, centres: np.ndarray, size: float) -> np.ndarray:
         """b^2 of a separable window in cells along one axis, 1 at its peak; ``centres`` and ``size`` are lengths."""
-        found = _SHAPES[self.profile].cell_power
-        assert found is not None
-        return found(self.width, centres, size)
+        cell_power = _SHAPES[self.profile].cell_power
+        assert cell_power is not None
+        return cell_power(self.width, centres, size)

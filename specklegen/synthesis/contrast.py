@@ -118,12 +118,12 @@ def _lags_on_the_cpu(
 ) -> torch.Tensor:
     out = np.empty((len(power), count))
     rows = zip(power.numpy(), size.tolist(), wavevector.tolist(), pixel.tolist(), out, strict=True)
-    for padded, distance, step, side, found in rows:
+    for padded, distance, step, side, sums in rows:
         own = padded[: np.flatnonzero(padded)[-1] + 1]  # companions' cells would add zeros in another order
         lag = distance * np.arange(len(own))
         pairs = np.correlate(own, own, "full")[len(own) - 1 :] * np.square(np.sinc(side * lag))
         pairs[1:] *= 2  # lags of either sign
-        found[:] = np.cos(step * np.arange(count)[:, None] * lag) @ pairs if count > 1 else pairs.sum()
+        sums[:] = np.cos(step * np.arange(count)[:, None] * lag) @ pairs if count > 1 else pairs.sum()
     return torch.from_numpy(out)
 
 
@@ -184,7 +184,7 @@ def _contrast_on_the_cpu(light: torch.Tensor, variance: torch.Tensor) -> torch.T
     if light.shape[1:] == (1, 1):  # of one point, the beam of a stack: there is nothing to transform
         brightness, own = light[:, 0, 0].double().numpy(), variance[:, 0, 0].numpy()
         return torch.from_numpy(np.sqrt(np.maximum(np.square(brightness) * own, 0.0)) / brightness)
-    found = []
+    contrasts = []
     for brightness, own in zip(light.double().numpy(), variance.numpy(), strict=True):
         rows, columns = brightness.shape
         grid = 2 * rows - 1, 2 * columns - 1
@@ -192,8 +192,8 @@ def _contrast_on_the_cpu(light: torch.Tensor, variance: torch.Tensor) -> torch.T
         if own.shape != grid:
             y, x = (np.minimum(np.arange(n), n - np.arange(n)) for n in grid)
             own = own[y[:, None], x]
-        found.append(np.sqrt(max((pairs * own).sum(), 0.0)) / brightness.sum())
-    return torch.tensor(found, dtype=torch.float64)
+        contrasts.append(np.sqrt(max((pairs * own).sum(), 0.0)) / brightness.sum())
+    return torch.tensor(contrasts, dtype=torch.float64)
 
 
 @fused(

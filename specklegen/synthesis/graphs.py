@@ -67,12 +67,12 @@ class Graphs:
                 self.kept.clear()
         if self.refused:
             return function(**inputs)
-        found = self.kept[key]
+        captured = self.kept[key]
         self._follow()
         for each, value in inputs.items():
-            found.inputs[each].copy_(value)
-        found.graph.replay()
-        return found.result
+            captured.inputs[each].copy_(value)
+        captured.graph.replay()
+        return captured.result
 
     def report(self) -> str:
         """Say what was captured, or why nothing is."""

@@ -481,7 +481,7 @@ def imagings(
     _require_time(sight, light)
     variance = speckle_variance(sight, correlations, light)
     whole = {"variance": variance} | _seen(sight, precise) if sight.bound is not None or len(sight) == 1 else None
-    found = []
+    prepared = []
     for places, modes in karhunen_loeve(correlations, sight.lattice, tolerance):
         groups = _groups(modes, exact=light is not None and light.shares.shape[1] > 1)
         order = [n for some, _ in groups for n in some]
@@ -496,9 +496,9 @@ def imagings(
                 name: value[part] for name, value in together.items()
             }
             lit, moving = None if light is None else light.at(own), None if film is None else film.at(own)
-            found.append((own, _imaging(seen, sight, modes.at(part), rank, lit, moving)))
+            prepared.append((own, _imaging(seen, sight, modes.at(part), rank, lit, moving)))
             first += len(some)
-    return found
+    return prepared
 
 
 def _put(numbers: list[int], like: torch.Tensor) -> torch.Tensor:

@@ -85,13 +85,13 @@ class Circulant:
     def moments(self, white: torch.Tensor) -> torch.Tensor:
         """Moments complex[T, Q, cells] of noise complex[rank, cells], by a transform along the tilts."""
         cells_ = white.shape[1]
-        found = white.new_empty((self.tilts, self.roots.shape[1], cells_))
+        moments = white.new_empty((self.tilts, self.roots.shape[1], cells_))
         for first in range(0, cells_, _CELLS):  # few enough to stay in the caches
-            some = found[:, :, first : first + _CELLS]
+            some = moments[:, :, first : first + _CELLS]
             spectrum = white.new_empty((*self.roots.shape[:2], some.shape[2]))
             fill_spectrum(self.roots.numpy(), self.ranks.numpy(), white.numpy(), first, spectrum.numpy())
             some.copy_(torch.fft.ifft(spectrum, dim=0)[: self.tilts])
-        return found
+        return moments
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class ManyTilts:
         step = max(1, _TOGETHER // max(noise[0].numel(), 1))
         (high, down), (wide, across) = self.rows, self.columns
         rows = high @ down
-        found = noise.new_empty((len(chosen), len(rows), len(wide)))
+        fields = noise.new_empty((len(chosen), len(rows), len(wide)))
         for first in range(0, len(chosen), step):
             part = slice(chosen[first], chosen[first] + min(step, len(chosen) - first))
             some = noise[part]
@@ -183,11 +183,11 @@ class ManyTilts:
             along_y, along_x = (each[part].numpy() for each in self.turned)
             fill_lit(some.numpy(), along_y, along_x, self.window.numpy(), lit.numpy())
             seen = (lit.flatten(3).flatten(0, 2) @ across.mT).view(len(some), -1, len(across))
-            views = found[first : first + len(some)]
+            views = fields[first : first + len(some)]
             torch.matmul((rows @ seen).flatten(0, 1), wide.mT, out=views.view(-1, len(wide)))
             if self.face is not None:
                 views *= self.face
-        return found
+        return fields
 
 
 def many_tilts(scene: Scene, correlation: Any, *, dtype: torch.dtype | None = None) -> ManyTilts | None:
@@ -257,11 +257,11 @@ def _within(scene: Scene) -> tuple[_Within, _Within]:
     """Cells along x and y for the views of one tilt, and what is seen within them."""
     beams, grid = scene.beams, scene.grid
     reach = np.ptp(beams.directions[:, :2], axis=0)
-    found = []
+    axes = []
     for axis, (views, shared) in enumerate(zip(grid.sines, stack_axes(scene), strict=True)):
         coarse = cells(scene.wavelength, beams.width, beams.profile, grid.pitch, grid.pitch * (len(views) - 1))
         if shared.count < 2 * coarse.count:  # tilts have little reach along it: every cell is a point, as there
-            found.append(_Within(shared, np.zeros(1), np.ones((1, 1)), np.ones((len(views), 1))))
+            axes.append(_Within(shared, np.zeros(1), np.ones((1, 1)), np.ones((len(views), 1))))
             continue
         cycles = reach[axis] * coarse.size / scene.wavelength
         nodes, weights = np.polynomial.legendre.leggauss(int(48 + 4 * cycles))
@@ -270,8 +270,8 @@ def _within(scene: Scene) -> tuple[_Within, _Within]:
         waves = np.exp(-1j * scene.wavenumber * np.multiply.outer(views - middle, nodes)) * np.sqrt(weights / 2)
         left, values, right = np.linalg.svd(waves, full_matrices=False)
         kept = values > _LEFT_OUT * values[0]
-        found.append(_Within(coarse, nodes, values[kept, None] / values[0] * right[kept], values[0] * left[:, kept]))
-    return found[0], found[1]
+        axes.append(_Within(coarse, nodes, values[kept, None] / values[0] * right[kept], values[0] * left[:, kept]))
+    return axes[0], axes[1]
 
 
 def _step(sines: np.ndarray, correlation: Any, wavenumber: float, x: _Within, y: _Within) -> np.ndarray | None:

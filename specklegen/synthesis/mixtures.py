@@ -34,11 +34,11 @@ def j0(x: torch.Tensor) -> torch.Tensor:
 
 
 def _on_the_cpu(q: torch.Tensor, radius: torch.Tensor, share: torch.Tensor) -> torch.Tensor:
-    found = np.empty(tuple(q.shape))
+    correlation = np.empty(tuple(q.shape))
     parts = (part.contiguous().numpy() for part in (q, radius, share))
-    for arguments in zip(*parts, found, strict=True):
+    for arguments in zip(*parts, correlation, strict=True):
         bessel_mixture(*arguments)
-    return torch.from_numpy(found)
+    return torch.from_numpy(correlation)
 
 
 def plain_mixture(q: torch.Tensor, radius: torch.Tensor, share: torch.Tensor) -> torch.Tensor:
@@ -63,11 +63,11 @@ def _half_range(
     first = below.to(torch.int8).argmax(-1, keepdim=True)
     high = scan.gather(-1, first)
     nodes = high * _row(_NODES, radius.device)
-    found = _inverse(nodes, mix(nodes, radius, share), level)
-    beside = found[:, None] * _row([1 - ROOT_STEP, 1.0, 1 + ROOT_STEP], radius.device)
+    half = _inverse(nodes, mix(nodes, radius, share), level)
+    beside = half[:, None] * _row([1 - ROOT_STEP, 1.0, 1 + ROOT_STEP], radius.device)
     lower, at, upper = mix(beside, radius, share).unbind(-1)
-    found = found * (1 + 2 * ROOT_STEP * (at - level) / (lower - upper))
-    return found, below.any(-1) & (floor <= 1 - 1e-9)
+    half = half * (1 + 2 * ROOT_STEP * (at - level) / (lower - upper))
+    return half, below.any(-1) & (floor <= 1 - 1e-9)
 
 
 @fused(

@@ -115,8 +115,8 @@ class Modes:
 
     def values(self, rank: int) -> torch.Tensor:
         """Modes phi float64[M, T h w, rank], the squares of each beam of sum 1; beams by (tilt, row, column)."""
-        found = basis(self.lattice.full, self.degree, self.columns.device) @ self.columns[:, :, :rank]
-        return found / torch.linalg.vector_norm(found, dim=2, keepdim=True)
+        modes = basis(self.lattice.full, self.degree, self.columns.device) @ self.columns[:, :, :rank]
+        return modes / torch.linalg.vector_norm(modes, dim=2, keepdim=True)
 
     def mixing(self, rank: int, correlations: Correlations) -> torch.Tensor:
         """Roots float64[M, rank, rank] that turn these modes into those of other K: phi A A^T phi^T is their matrix.
@@ -142,13 +142,13 @@ def first_degree(shape: tuple[int, ...]) -> int:
 def polynomials(count: int, degree: int) -> np.ndarray:
     """Orthonormal polynomials on ``count`` points, float64[count, min(count, degree + 1)], by degree."""
     x = np.linspace(-1, 1, count) if count > 1 else np.zeros(1)
-    found = np.full((count, 1), count**-0.5)
+    columns = np.full((count, 1), count**-0.5)
     for _ in range(min(count - 1, degree)):
-        new = x * found[:, -1]
+        new = x * columns[:, -1]
         for _ in range(2):  # once leaves rounding that grows with the degree
-            new = new - found @ (found.T @ new)
-        found = np.column_stack([found, new / np.linalg.norm(new)])
-    return found
+            new = new - columns @ (columns.T @ new)
+        columns = np.column_stack([columns, new / np.linalg.norm(new)])
+    return columns
 
 
 @lru_cache(maxsize=64)
@@ -223,16 +223,16 @@ def memory(correlations: Correlations, lattice: Lattice) -> torch.Tensor:
     if lattice.tilts == 1 and correlations.isotropic:
         return on_differences(correlations, lattice.shape, lattice.step)
     if correlations.isotropic and lattice.step.device.type == "cpu":
-        found = torch.stack([_between_tilts(correlations.at([n]), lattice.at([n])) for n in range(len(lattice.step))])
-        return found if lattice.kept is None else found * lattice.kept[..., None, None]
+        values = torch.stack([_between_tilts(correlations.at([n]), lattice.at([n])) for n in range(len(lattice.step))])
+        return values if lattice.kept is None else values * lattice.kept[..., None, None]
     gap = lattice.base[:, :, None] - lattice.base[:, None]
     dx, dy = _apart(lattice, gap)
     if correlations.isotropic:
         distance = torch.hypot(dy[..., :, None], dx[..., None, :])
-        found = correlations(distance.flatten(1)).view_as(distance)
+        values = correlations(distance.flatten(1)).view_as(distance)
     else:
-        found = correlations.planar(*torch.broadcast_tensors(dx[..., None, :], dy[..., :, None]))
-    return found if lattice.kept is None else found * lattice.kept[..., None, None]
+        values = correlations.planar(*torch.broadcast_tensors(dx[..., None, :], dy[..., :, None]))
+    return values if lattice.kept is None else values * lattice.kept[..., None, None]
 
 
 def _apart(lattice: Lattice, gap: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -258,13 +258,13 @@ def _between_tilts(correlations: Correlations, lattice: Lattice) -> torch.Tensor
     which = torch.from_numpy(which.reshape(-1))
     dx, dy = _apart(lattice, gap[torch.from_numpy(kinds)][None])
     distance = torch.hypot(dy[0, :, :, None], dx[0, :, None, :])
-    found = torch.empty_like(distance)
+    correlation = torch.empty_like(distance)
     for kind, own in enumerate(distance):  # of many pairs of pixels it is the same again
         unique, same = torch.unique(own, return_inverse=True)
-        found[kind] = correlations(unique[None])[0][same]
-    whole = found.new_empty((tilts, tilts, *found.shape[1:]))
-    whole[first, second] = found[which]
-    whole[second, first] = found[which].flip(1, 2)
+        correlation[kind] = correlations(unique[None])[0][same]
+    whole = correlation.new_empty((tilts, tilts, *correlation.shape[1:]))
+    whole[first, second] = correlation[which]
+    whole[second, first] = correlation[which].flip(1, 2)
     return whole
 
 
@@ -280,9 +280,9 @@ def coefficients(known: torch.Tensor, lattice: Lattice, degree: int) -> torch.Te
         between = rows @ known @ columns.T
     turns = torch.from_numpy(polynomials(tilts, degree)).to(device)
     squares = (tilts, tilts, between.shape[-2] * between.shape[-1])
-    found = (turns.T @ between.reshape(-1, tilts, squares[1] * squares[2])).unflatten(2, squares[1:])
-    found = (found.transpose(2, 3) @ turns).transpose(2, 3)  # [M, t, t, m_y^2 m_x^2]
-    return found.flatten(1)[:, places_of_tilts((tilts, h, w), degree).to(device)]
+    matrix = (turns.T @ between.reshape(-1, tilts, squares[1] * squares[2])).unflatten(2, squares[1:])
+    matrix = (matrix.transpose(2, 3) @ turns).transpose(2, 3)  # [M, t, t, m_y^2 m_x^2]
+    return matrix.flatten(1)[:, places_of_tilts((tilts, h, w), degree).to(device)]
 
 
 def factor(matrix: torch.Tensor, size: int) -> torch.Tensor:
@@ -405,15 +405,15 @@ def karhunen_loeve(correlations: Correlations, lattice: Lattice, tolerance: floa
     else:
         triangle = factor(coefficients(known, lattice, degree), lattice.size)
         enough, power = _enough(triangle, lattice, degree, tolerance), triangle.square().sum(-2)
-    found = []
+    groups = []
     if at := [n for n, yes in enumerate(enough) if yes]:
         some = slice(None) if all(enough) else at
-        found.append((at, _chosen(triangle[some], power[some], lattice.at(some), degree, tolerance)))
+        groups.append((at, _chosen(triangle[some], power[some], lattice.at(some), degree, tolerance)))
     for n, yes in enumerate(enough):
         if not yes:
             one = slice(n, n + 1)
-            found.append(([n], _raised(correlations.at(one), known[one], lattice.at(one), degree, tolerance)))
-    return found
+            groups.append(([n], _raised(correlations.at(one), known[one], lattice.at(one), degree, tolerance)))
+    return groups
 
 
 def _enough(triangle: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> list[bool]:

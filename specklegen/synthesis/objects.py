@@ -132,11 +132,11 @@ def object_imaging(
     if light is not None:
         known = LightBatch(one(light.shares), tuple(Tabulated([k]) for k in light.correlations), one(light.flat))
     with one_torch_thread():
-        ((_, made),) = imagings(
+        ((_, imaging),) = imagings(
             sight, Tabulated([correlation]), known, tolerance=tolerance,
             precise=dtype in (torch.complex128, torch.float64),
         )  # fmt: skip
-    return made
+    return imaging
 
 
 def object_media(imaging: Imaging, seed: Seed, number: int = 0) -> ImagedMedia:

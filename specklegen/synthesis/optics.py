@@ -114,10 +114,10 @@ def fields(
 
 def _pairs_on_the_cpu(views: torch.Tensor) -> torch.Tensor:
     rank = views.shape[2]
-    found = views.new_empty((len(views), rank * (rank + 1) // 2, *views.shape[3:5]))
-    for medium, products in zip(views.contiguous().numpy(), found.numpy(), strict=True):
+    pairs = views.new_empty((len(views), rank * (rank + 1) // 2, *views.shape[3:5]))
+    for medium, products in zip(views.contiguous().numpy(), pairs.numpy(), strict=True):
         fill_pair_products(medium, products)
-    return found
+    return pairs
 
 
 @fused(
@@ -140,10 +140,10 @@ def pair_products(views: torch.Tensor) -> torch.Tensor:
 
 
 def _maps_on_the_cpu(modes: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
-    found = _maps(modes, light)
-    for arguments in zip(modes.contiguous().numpy(), light.contiguous().numpy(), found.numpy(), strict=True):
+    maps = _maps(modes, light)
+    for arguments in zip(modes.contiguous().numpy(), light.contiguous().numpy(), maps.numpy(), strict=True):
         fill_mode_maps(*arguments)
-    return found
+    return maps
 
 
 def _maps(modes: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
@@ -166,11 +166,11 @@ def mode_maps(modes: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
 
 
 def _lags_on_the_cpu(turned: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:
-    found = _lags(turned, spectra)
-    factors = (torch.view_as_complex(each.contiguous()).numpy() for each in (turned, spectra, found))
+    lags = _lags(turned, spectra)
+    factors = (torch.view_as_complex(each.contiguous()).numpy() for each in (turned, spectra, lags))
     for arguments in zip(*factors, strict=True):
         fill_lag_sums(*arguments)
-    return found
+    return lags
 
 
 def _lags(turned: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:
@@ -209,14 +209,14 @@ def images(
     maps = mode_maps(modes, light)
     parts = torch.view_as_real(spectra)
     if light.shape[1:] == (1, 1):  # a beam: the transform of one pixel on the axis is 1
-        found = (maps[:, :1, :, :, 0] @ parts.flatten(3)).flatten(1, 2).unflatten(2, parts.shape[3:])
+        sums = (maps[:, :1, :, :, 0] @ parts.flatten(3)).flatten(1, 2).unflatten(2, parts.shape[3:])
     else:
         count, height, tilts, pairs, _ = maps.shape
         columns = torch.view_as_real(transforms["object_columns"]).flatten(2)
         turned = _product(maps.flatten(1, 3), columns).view(count, height, -1, 2)
         turned = torch.view_as_real(_product(transforms["object_rows"], torch.view_as_complex(turned)))
-        found = lag_sum(turned.view(count, -1, tilts, pairs, *parts.shape[4:]), parts)
-    return seen(found, transforms)
+        sums = lag_sum(turned.view(count, -1, tilts, pairs, *parts.shape[4:]), parts)
+    return seen(sums, transforms)
 
 
 def seen(spectrum: torch.Tensor, transforms: dict[str, torch.Tensor]) -> torch.Tensor:

@@ -162,12 +162,12 @@ def centred(count: int, pitch: torch.Tensor) -> torch.Tensor:
 @lru_cache(maxsize=2)
 def _smooth(primes: tuple[int, ...]) -> np.ndarray:
     """Numbers up to ``_LONGEST`` without other prime factors, int64, ascending."""
-    found = np.ones(1, np.int64)
+    numbers = np.ones(1, np.int64)
     for prime in primes:
-        new = found
+        new = numbers
         while len(new := new[new <= _LONGEST // prime] * prime):
-            found = np.append(found, new)
-    return np.sort(found)
+            numbers = np.append(numbers, new)
+    return np.sort(numbers)
 
 
 @lru_cache(maxsize=8)

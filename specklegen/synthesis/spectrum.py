@@ -242,8 +242,8 @@ def light_modes(
     root = np.sqrt(share)
     transform = spectrum_transform(spectrum, width, excess[:, None] - excess)
     with one_torch_thread():
-        found = torch.linalg.eigh(torch.from_numpy(root[:, None] * transform * root))
-    power, vectors = (part.numpy() for part in found)
+        decomposition = torch.linalg.eigh(torch.from_numpy(root[:, None] * transform * root))
+    power, vectors = (part.numpy() for part in decomposition)
     power, vectors = np.clip(power[::-1], 0, None), vectors[:, ::-1]
     squares = np.cumsum(np.square(power))
     kept = int(np.searchsorted(squares, (1 - tolerance) * squares[-1])) + 1

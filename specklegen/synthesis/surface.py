@@ -104,10 +104,10 @@ class SurfaceFilm:
 
         Of pixels with an area as if g1 were one over each, which is less than a grain.
         """
-        found = np.zeros((len(weights), *self.shape))
+        squared = np.zeros((len(weights), *self.shape))
         for lag in np.flatnonzero(weights.any(axis=0)):
-            found += weights[:, lag, None, None] * np.square(self.seen(self.field[:, lag]))
-        return self.beta * found
+            squared += weights[:, lag, None, None] * np.square(self.seen(self.field[:, lag]))
+        return self.beta * squared
 
     @cached_property
     def roots(self) -> np.ndarray:

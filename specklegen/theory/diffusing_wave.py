@@ -62,8 +62,8 @@ def _through(a: np.ndarray, depths: float, h: float) -> np.ndarray:
     above = sinh(safe) + h * safe * cosh(safe)
     below = (1 + (h * safe) ** 2) * sinh(depths * safe) + 2 * h * safe * cosh(depths * safe)
     # A source beyond a slab thinner than l* has no meaning: the factor then grows, and the field is above 1.
-    found = (depths + 2 * h) / (1 + h) * np.exp(np.minimum((1 - depths) * safe, 700.0)) * above / below
-    return np.where(a > 0, found, 1.0)
+    field = (depths + 2 * h) / (1 + h) * np.exp(np.minimum((1 - depths) * safe, 700.0)) * above / below
+    return np.where(a > 0, field, 1.0)
 
 
 def reflected_field(x: ArrayLike, *, extrapolation: float = EXTRAPOLATION) -> np.ndarray:

@@ -81,8 +81,8 @@ def multi_exposure_fit(contrast_squared: ArrayLike, exposures: ArrayLike, *, bet
         reject("multi_exposure_fit beta", "above 0 and at most 1", beta)
     rows = squared.reshape(-1, len(times)) / beta
     parts = [_fitted(rows[n : n + _BLOCK], times) for n in range(0, len(rows), _BLOCK)]
-    found = np.concatenate(parts) if parts else np.empty((0, 3))
-    return MultiExposureFit(*found.T.reshape(3, *squared.shape[:-1]))
+    parameters = np.concatenate(parts) if parts else np.empty((0, 3))
+    return MultiExposureFit(*parameters.T.reshape(3, *squared.shape[:-1]))
 
 
 def _fitted(squared: np.ndarray, exposures: np.ndarray) -> np.ndarray:

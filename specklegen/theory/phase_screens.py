@@ -187,15 +187,15 @@ class Lobes:
         if len(flat) * len(self.shares) > _QUICK:
             unique, which = np.unique(flat.reshape(len(flat), -1), axis=0, return_inverse=True)
             flat, which = unique.reshape(-1, *ways.shape[-2:]), which.reshape(-1)
-        found = np.ones(len(flat))
+        correlation = np.ones(len(flat))
         if len(self.shares):
             weight = self._weights(0.0)
             scale = -0.5 * self.wavenumber**2
             step = max(1, _TOGETHER // self.events.size)
             for first in range(0, len(flat), step):
                 variance, _ = self.spreads(flat[first : first + step])
-                found[first : first + step] = (weight * np.exp(scale * variance)).sum(-1) / weight.sum()
-        return (found if which is None else found[which]).reshape(ways.shape[:-2])
+                correlation[first : first + step] = (weight * np.exp(scale * variance)).sum(-1) / weight.sum()
+        return (correlation if which is None else correlation[which]).reshape(ways.shape[:-2])
 
     def _weights(self, sine: float) -> np.ndarray:
         """P(n) N(p; T) of every term at |p| = ``sine`` over the largest: where lobes underflow, ratios do not."""

@@ -128,14 +128,14 @@ def internal_reflection(inside: float, outside: float = 1.0, wall: float | None 
     critical = np.sqrt(max(0.0, 1 - min(1.0, min(indices) / inside) ** 2))
     t, weights = gauss_legendre(200)
     u, du = (t + 1) / 2, weights / 2
-    found = np.zeros(2)
+    moments = np.zeros(2)
     for low, high, near in ((0.0, critical, critical), (critical, 1.0, critical)):
         span = high - low
         mu = high - span * u**2 if near == high else low + span * u**2
         r = np.empty_like(mu)
         reflectances(mu, *indices, r)
-        found += np.array([2 * (r * mu) @ (2 * u * du), 3 * (r * mu**2) @ (2 * u * du)]) * span
-    phi, current = found
+        moments += np.array([2 * (r * mu) @ (2 * u * du), 3 * (r * mu**2) @ (2 * u * du)]) * span
+    phi, current = moments
     return float((phi + current) / (2 - phi + current))
 
 

@@ -191,8 +191,8 @@ def diffusing_contrast_squared(exposure: ArrayLike, tau0: ArrayLike, *, gamma: f
     share = exposure / array_from_zero("diffusing_contrast_squared tau0", tau0, above=True)
     b = 2 * number_from_zero("diffusing_contrast_squared gamma", gamma, above=True) * np.sqrt(6 * share)
     safe = np.clip(b, 1e-8, 1e75)  # b^4 stays a number; below, the first term of the series is exact
-    found = 4 * (gammainc(2, safe) / safe**2 - 6 * gammainc(4, safe) / safe**4)
-    return np.where(b < 1e-8, 1 - 8 / 15 * b, np.where(b > 1e75, 0.0, found))
+    squared = 4 * (gammainc(2, safe) / safe**2 - 6 * gammainc(4, safe) / safe**4)
+    return np.where(b < 1e-8, 1 - 8 / 15 * b, np.where(b > 1e75, 0.0, squared))
 
 
 def contrast_squared(field: FieldCorrelation, exposure: float) -> float:
@@ -252,12 +252,12 @@ def class_contrast_squared(transfer: ArrayLike, shares: ArrayLike, exposure: Arr
     """
     y, p = _classes("class_contrast_squared", transfer, shares)
     exposure = array_from_zero("class_contrast_squared exposure", exposure)
-    found = np.empty(exposure.shape)
+    squared = np.empty(exposure.shape)
     for at, time in np.ndenumerate(exposure):
         fastest = 4 * float(y.max()) * float(time)
         u, weight = exposure_nodes(min(int(np.ceil(np.log2(max(fastest, 1.0)))) + 1, _HALVINGS))
-        found[at] = weight @ np.square(_decay(y, p, time * u))
-    return found
+        squared[at] = weight @ np.square(_decay(y, p, time * u))
+    return squared
 
 
 def class_field(transfer: ArrayLike, shares: ArrayLike) -> FieldCorrelation:
@@ -485,10 +485,10 @@ def _decay(y: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _power(owner: str, field: FieldCorrelation, lags: np.ndarray) -> np.ndarray:
-    found = np.asarray(field(lags))
-    if found.shape != lags.shape or not np.isfinite(found).all():
-        reject(owner, f"finite, one number for each of {len(lags)} lags", found)
-    return np.square(np.abs(found))
+    values = np.asarray(field(lags))
+    if values.shape != lags.shape or not np.isfinite(values).all():
+        reject(owner, f"finite, one number for each of {len(lags)} lags", values)
+    return np.square(np.abs(values))
 
 
 def _classes(owner: str, transfer: ArrayLike, shares: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

@@ -70,17 +70,17 @@ class _Mirrors:
     def sequences(self, most: int) -> Iterator[tuple[int, ...]]:
         """All sequences of up to ``most`` facets without one twice in turn."""
         for length in range(most + 1):
-            for found in product(range(len(self.normal)), repeat=length):
-                if all(a != b for a, b in zip(found, found[1:], strict=False)):
-                    yield found
+            for sequence in product(range(len(self.normal)), repeat=length):
+                if all(a != b for a, b in zip(sequence, sequence[1:], strict=False)):
+                    yield sequence
 
     def images(self, point: np.ndarray, sequence: tuple[int, ...]) -> list[np.ndarray]:
         """The point and its images in the facets in turn; float64[..., 3] each."""
-        found = [point]
+        images = [point]
         for f in sequence:
-            last = found[-1]
-            found.append(last - 2 * ((last - self.point[f]) @ self.normal[f])[..., None] * self.normal[f])
-        return found
+            last = images[-1]
+            images.append(last - 2 * ((last - self.point[f]) @ self.normal[f])[..., None] * self.normal[f])
+        return images
 
     def turned(self, direction: np.ndarray, sequence: tuple[int, ...]) -> np.ndarray:
         """Directions float64[..., 3] behind reflection in the facets in turn."""
@@ -94,14 +94,14 @@ class _Mirrors:
 
     def along(self, start: np.ndarray, end: np.ndarray, sequence: tuple[int, ...]) -> np.ndarray:
         """Coefficients complex128[P] of all reflections from ``start`` to ``end`` at the facets in turn."""
-        ray, found = end - self.images(start, sequence)[-1], np.ones(len(end), complex)
+        ray, coefficients = end - self.images(start, sequence)[-1], np.ones(len(end), complex)
         if sequence:
             ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
         for f in sequence[::-1]:
             across = ray @ self.normal[f]
-            found *= self.reflected(f, np.abs(across))
+            coefficients *= self.reflected(f, np.abs(across))
             ray = ray - 2 * across[:, None] * self.normal[f]
-        return found
+        return coefficients
 
     def clear(self, start: np.ndarray, end: np.ndarray, sequence: tuple[int, ...]) -> np.ndarray:
         """Whether light from ``start`` gets to ``end``, float64[P, 3] each, by reflection in the facets in turn."""
@@ -156,17 +156,17 @@ class _Mirrors:
 
 
 def _mirrors(scene: Geometry, ends: np.ndarray, wavelength: float | None, hard: bool) -> _Mirrors:
-    found = facets_of(scene)
+    facets = facets_of(scene)
     of = np.full(int(scene.number.max(initial=-1)) + 1, -1, np.int32)
-    of[scene.number[scene.order]] = found.facet
-    first = np.unique(found.facet, return_index=True)[1]
-    rows = np.full((len(found.normals), 4), float(CONDUCTOR))
+    of[scene.number[scene.order]] = facets.facet
+    first = np.unique(facets.facet, return_index=True)[1]
+    rows = np.full((len(facets.normals), 4), float(CONDUCTOR))
     if wavelength is not None and scene.meshes:
-        rows = np.array([mesh.material.row(wavelength) for mesh in scene.meshes])[found.material[first]]
+        rows = np.array([mesh.material.row(wavelength) for mesh in scene.meshes])[facets.material[first]]
     own, whole = (np.ptp(some, axis=0).max(initial=0.0) if len(some) else 0.0
                   for some in (scene.vertices, np.vstack([scene.vertices, ends])))  # fmt: skip
     size = max(float(own), _ROUNDED * float(whole))
-    return _Mirrors(scene, found.normals, scene.tree.corners[first, :3], of, size, rows, found.material[first], hard)
+    return _Mirrors(scene, facets.normals, scene.tree.corners[first, :3], of, size, rows, facets.material[first], hard)
 
 
 @dataclass(frozen=True)
@@ -221,9 +221,9 @@ class _Edge:
 
 def _edges(mirrors: _Mirrors) -> list[_Edge]:
     scene = mirrors.scene
-    found, unit = scene.edges, normals(scene.vertices, scene.faces)
+    wedges, unit = scene.edges, normals(scene.vertices, scene.faces)
     edges = []
-    for ends, (face, other), n in zip(found.ends, found.faces, found.wedge, strict=True):
+    for ends, (face, other), n in zip(wedges.ends, wedges.faces, wedges.wedge, strict=True):
         length = float(np.linalg.norm(ends[1] - ends[0]))
         along = (ends[1] - ends[0]) / length
         inward = scene.vertices[scene.faces[face]].mean(axis=0) - ends[0]
@@ -459,14 +459,14 @@ def _by_edge(mirrors, edge, start, end, seen_from, before, behind, k, seen) -> t
 
 def _sides(edge: _Edge, step: np.ndarray) -> list[tuple[float, np.ndarray]]:
     """Faces of an edge's wedge that a leg along ``step`` float64[3] runs along: angle, and the way into the air."""
-    found, top = [], edge.n * np.pi
+    sides, top = [], edge.n * np.pi
     across = step - (step @ edge.along) * edge.along
     across = across / max(float(np.linalg.norm(across)), 1e-300)
     for angle, turn in ((0.0, 1.0), (top, -1.0)):
         face = np.cos(angle) * edge.inward + np.sin(angle) * edge.normal
         if np.linalg.norm(across - face) < _ALONG:
-            found.append((angle, turn * (np.cos(angle) * edge.normal - np.sin(angle) * edge.inward)))
-    return found
+            sides.append((angle, turn * (np.cos(angle) * edge.normal - np.sin(angle) * edge.inward)))
+    return sides
 
 
 def _by_two(

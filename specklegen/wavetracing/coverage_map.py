@@ -194,15 +194,15 @@ def coverage(
             np.ma.array(decibel_milliwatt(power), mask=none), np.ma.array(np.zeros_like(power), mask=none), None, None
         )
     bent: Diffraction = diffraction if method == "wave" else "fraunhofer"
-    found = trace(geometry, source, plane, beams, seed, method, bent, max_events=max_events, threads=threads)
-    power = received_power(np.maximum(found.fluence[0], 0.0), wavelength, gain)
+    traced = trace(geometry, source, plane, beams, seed, method, bent, max_events=max_events, threads=threads)
+    power = received_power(np.maximum(traced.fluence[0], 0.0), wavelength, gain)
     none = power == 0
-    relative = np.divide(found.fluence_error[0], found.fluence[0], out=np.zeros_like(power), where=~none)
+    relative = np.divide(traced.fluence_error[0], traced.fluence[0], out=np.zeros_like(power), where=~none)
     return Coverage(
         rss_dBm=np.ma.array(decibel_milliwatt(power), mask=none),
         error=np.ma.array(10 / np.log(10) * relative, mask=none),
-        ledger=found.ledger,
-        statistics=found.statistics,
+        ledger=traced.ledger,
+        statistics=traced.statistics,
     )
 
 

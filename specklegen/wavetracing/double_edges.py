@@ -56,7 +56,7 @@ def double_diffraction(first: Bend, second: Bend, s1, s2, s3, k: float) -> np.nd
     one = _terms(first, np.sqrt(2 * k * s1 * (s2 + s3) / total) * first.sine)
     two = _terms(second, np.sqrt(2 * k * s3 * (s1 + s2) / total) * second.sine)
     cosine = (first.across * second.across).sum(axis=1)
-    found = np.zeros(len(total), complex)
+    coefficient = np.zeros(len(total), complex)
     for a, cot_a, side_a, weight_a in one:
         for b, cot_b, side_b, weight_b in two:
             weight = weight_a * weight_b
@@ -65,20 +65,20 @@ def double_diffraction(first: Bend, second: Bend, s1, s2, s3, k: float) -> np.nd
                 rho = (side_a * side_b * shared * cosine)[there]
                 corner = corner_share(a[there], b[there], rho)
                 scale = -4j * np.pi * np.sqrt(1 - rho**2)
-                found[there] += weight[there] * cot_a[there] * cot_b[there] * scale * corner
-    return found * 1j / (8 * np.pi * k * first.n * second.n * first.sine * second.sine)
+                coefficient[there] += weight[there] * cot_a[there] * cot_b[there] * scale * corner
+    return coefficient * 1j / (8 * np.pi * k * first.n * second.n * first.sine * second.sine)
 
 
 def _terms(bend: Bend, root: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, float, np.ndarray]]:
     """Return a, a cot(d / 2n), and whether the lit side is where ``angle`` grows, of the four terms of an edge."""
-    found, n = [], bend.n
+    terms, n = [], bend.n
     for image, sign, column in ((0, 1, 0), (0, -1, 0), (1, -1, 1), (1, 1, 2)):
         turned = sign * np.pi + bend.angle + (bend.outer if image else -bend.outer)
         d = -sign * (turned - 2 * np.pi * n * np.rint(turned / (2 * np.pi * n)))
         a = root * np.sin(d / 2)
         cot = np.divide(np.sin(d / 2), np.tan(d / (2 * n)), out=np.full(d.shape, n, float), where=d != 0)
-        found.append((a, root * cot, float(sign), bend.weights[:, column]))
-    return found
+        terms.append((a, root * cot, float(sign), bend.weights[:, column]))
+    return terms
 
 
 def corner_share(a: np.ndarray, b: np.ndarray, rho: np.ndarray) -> np.ndarray:
@@ -95,11 +95,11 @@ def _tail(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     small = size < _SMALLEST
     x, y = (np.where(small, np.where(size > 0, v / np.where(size > 0, size, 1), 0.0) * _SMALLEST, v) for v in (x, y))
     m = np.clip(size, _SMALLEST, 1) / np.maximum(1, y)
-    found = np.empty(len(x), complex)
+    integral = np.empty(len(x), complex)
     for part, nodes in ((size >= 1, _FEW), (size < 1, len(_NODES))):
         here, v = y[part, None], m[part, None] * _NODES[:nodes]
         with np.errstate(under="ignore"):
             decay = np.exp(2j * _TURN * here * v - v * v)
         below = x[part, None] ** 2 + (here + _TURN * v) ** 2
-        found[part] = np.divide(decay, below, out=np.zeros_like(decay), where=below != 0) @ _WEIGHTS[:nodes]
-    return _TURN * x * m * found / (2 * np.pi)
+        integral[part] = np.divide(decay, below, out=np.zeros_like(decay), where=below != 0) @ _WEIGHTS[:nodes]
+    return _TURN * x * m * integral / (2 * np.pi)

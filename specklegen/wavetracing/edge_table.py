@@ -10,11 +10,11 @@ from specklegen.wavetracing.kernels.regions import Facets
 
 def edge_table(scene: Geometry, facets: Facets) -> EdgeTable:
     """Lay out the edges of a scene."""
-    found = scene.edges
-    start, stop = found.ends[:, 0], found.ends[:, 1]
+    edges = scene.edges
+    start, stop = edges.ends[:, 0], edges.ends[:, 1]
     length = np.linalg.norm(stop - start, axis=1)
     along = np.divide(stop - start, length[:, None], out=np.zeros_like(start), where=length[:, None] > 0)
-    face, other = found.faces.T
+    face, other = edges.faces.T
     inward = scene.vertices[scene.faces[face]].mean(axis=1) - start
     inward -= (inward * along).sum(axis=1, keepdims=True) * along
     size = np.linalg.norm(inward, axis=1, keepdims=True)
@@ -31,7 +31,7 @@ def edge_table(scene: Geometry, facets: Facets) -> EdgeTable:
     at[sides[first][kept]] = np.flatnonzero(kept)
     return EdgeTable(
         at=at.reshape(-1, 3)[scene.order],
-        edges=np.column_stack([start, along, length, found.wedge, normal, inward]),
+        edges=np.column_stack([start, along, length, edges.wedge, normal, inward]),
         facets=facets.facet[place[both]].astype(np.int32),
         rows=facets.material[place[both]].astype(np.int32),
     )

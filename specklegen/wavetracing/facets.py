@@ -31,17 +31,17 @@ def facets_of(scene: Geometry) -> Facets:
 
 
 def _facets_of(scene: Geometry) -> Facets:
-    found, faces = scene.topology, scene.faces
+    topology, faces = scene.topology, scene.faces
     count = len(faces)
-    neighbour = found.neighbour
+    neighbour = topology.neighbour
     own = np.repeat(np.arange(count), 3)
-    level = (neighbour >= 0) & (np.abs(found.interior - np.pi) < _PLANE)
+    level = (neighbour >= 0) & (np.abs(topology.interior - np.pi) < _PLANE)
     level &= scene.mesh[neighbour] == scene.mesh[own]
     graph = coo_array((np.ones(level.sum()), (own[level], neighbour[level])), shape=(count, count))
     facets, facet = connected_components(graph, directed=False) if count else (0, np.empty(0, np.int32))
     border = np.flatnonzero((neighbour < 0) | (facet[neighbour] != facet[own]))
     border = border[np.argsort(facet[own[border]], kind="stable")]
-    edge = found.diffracts[border]
+    edge = topology.diffracts[border]
     start, stop = faces.ravel()[border], np.roll(faces, -1, axis=1).ravel()[border]
     ends = np.concatenate([scene.vertices[start], scene.vertices[stop]], axis=1)
     of = facet[own[border]]

@@ -53,7 +53,7 @@ def facing_edges(rim: Rim, light: PlaneWave) -> list[Facing]:
     lengths = np.hypot(*(rim.ends - rim.starts).T)
     along = (rim.ends - rim.starts) / np.where(lengths > 0, lengths, 1)[:, None]
     metal = np.stack([along[:, 1], -along[:, 0]], axis=1)
-    found = []
+    waves = []
     for j in np.flatnonzero(lengths > 0):
         into = -metal[j]
         first, last = ((p - rim.starts[j]) @ np.stack([into, along[j]], axis=1) for p in (rim.starts, rim.ends))
@@ -72,8 +72,8 @@ def facing_edges(rim: Rim, light: PlaneWave) -> list[Facing]:
         for i in np.flatnonzero(opposite & (first[:, 0] <= nearest * (1 + PARALLEL))):
             amplitudes = _arriving(light, rim.starts[j], along[j], metal[j], nearest)
             if amplitudes is not None:
-                found.append(Facing(int(j), nearest, float(lower[i]), float(upper[i]), *amplitudes))
-    return found
+                waves.append(Facing(int(j), nearest, float(lower[i]), float(upper[i]), *amplitudes))
+    return waves
 
 
 def _arriving(
@@ -89,11 +89,11 @@ def _arriving(
     here, there = float(np.arctan2(d[2], -d[:2] @ metal)), float(np.arctan2(d[2], d[:2] @ metal))
     at_here, at_there = (np.exp(1j * k * (d[:2] @ p)) for p in (start, start - width * metal))
     step = np.exp(1j * k * sine * width) / np.sqrt(s)
-    found = []
+    amplitudes = []
     for boundary in (0, 1):
         once = [wedge_coefficients(2.0, np.pi, phi, s * sine**2, k, beta)[boundary] * step for phi in (here, there)]
         again = wedge_coefficients(2.0, np.pi, np.pi, s / 2 * sine**2, k, beta)[boundary] * step
         # alpha_here = there's first wave + again alpha_there, and the other way round.
         sent, returned = at_there * once[1], at_here * once[0]
-        found.append(complex((sent + again * returned) / (1 - again**2)))
-    return found[0], found[1]
+        amplitudes.append(complex((sent + again * returned) / (1 - again**2)))
+    return amplitudes[0], amplitudes[1]

@@ -85,9 +85,9 @@ class Geometry:
             kept = kept[~shared[kept]]
             if duplicates > removed // 2:
                 warn_user(f"{duplicates - removed // 2} duplicate triangles were dropped")
-        found, row, split, searched, sides = split_at_junctions(self.vertices, faces[kept], self.welded)
-        turned, one_sided = turned_faces(self.vertices, found, sides)
-        self.faces = np.where(turned[:, None], found[:, ::-1], found)
+        pieces, row, split, searched, sides = split_at_junctions(self.vertices, faces[kept], self.welded)
+        turned, one_sided = turned_faces(self.vertices, pieces, sides)
+        self.faces = np.where(turned[:, None], pieces[:, ::-1], pieces)
         self.number, self.mesh = kept[row].astype(np.int32), mesh[kept[row]]
         self.intake = Intake(duplicates - removed // 2, removed, split, int(turned.sum()), one_sided, searched)
 
@@ -114,24 +114,24 @@ class Geometry:
     @cached_property
     def topology(self) -> Topology:
         """Which faces meet at which sides; `DoubtWarning` of crowded edges, edges of two meshes, and gaps."""
-        found = topology(self.vertices, self.faces, self.welded)
-        if found.crowded:
+        adjacency = topology(self.vertices, self.faces, self.welded)
+        if adjacency.crowded:
             warn_user(
-                f"more than two faces meet at {found.crowded} edges: each ends there as a boundary of its own",
+                f"more than two faces meet at {adjacency.crowded} edges: each ends there as a boundary of its own",
             )
-        across = self.mesh[found.neighbour] != np.repeat(self.mesh, 3)
-        shared = int((across & (found.neighbour >= 0)).sum()) // 2
+        across = self.mesh[adjacency.neighbour] != np.repeat(self.mesh, 3)
+        shared = int((across & (adjacency.neighbour >= 0)).sum()) // 2
         if shared:
             warn_user(
                 f"{shared} edges of two meshes coincide: they are welded, and diffract as one",
             )
-        apart = gaps(self.vertices, self.faces, self.welded, found)
+        apart = gaps(self.vertices, self.faces, self.welded, adjacency)
         if apart:
             warn_user(
                 f"{apart} boundary edges nearly coincide with another and are not welded: light leaks between them, "
                 "and both diffract; move their vertices together",
             )
-        return found
+        return adjacency
 
     @cached_property
     def edges(self) -> Edges:
@@ -164,10 +164,10 @@ class Geometry:
         _check_depths(near, far)
         out = np.empty(64, np.int64)
         while True:
-            found, _ = cone_bvh.collect(cone.packed(), near, far, self.tree, out)
-            if found <= len(out):
-                return np.unique(self.number[self.order[out[:found]]].astype(np.int64))
-            out = np.empty(found, np.int64)
+            count, _ = cone_bvh.collect(cone.packed(), near, far, self.tree, out)
+            if count <= len(out):
+                return np.unique(self.number[self.order[out[:count]]].astype(np.int64))
+            out = np.empty(count, np.int64)
 
     def ray(
         self, origins: np.ndarray, directions: np.ndarray, near: float = 0.0, threads: Threads = None

@@ -133,12 +133,12 @@ def _within_sides(vertices, faces, welded, free, tolerance) -> dict[int, tuple[i
     off = np.linalg.norm(offset - t[:, None] * unit, axis=1)
     good = (t > tolerance) & (t < length[side] - tolerance) & (off <= tolerance)
     good &= (welded[faces[free[side] // 3]] != welded[point][:, None]).all(axis=1)  # a needle's own corner is none
-    found: dict[int, tuple[int, list[int]]] = {}
+    by_face: dict[int, tuple[int, list[int]]] = {}
     for n in np.flatnonzero(good)[np.lexsort([t[good], side[good]])]:
         f, which = divmod(int(free[side[n]]), 3)
-        if found.setdefault(f, (which, []))[0] == which:
-            found[f][1].append(int(point[n]))
-    return found
+        if by_face.setdefault(f, (which, []))[0] == which:
+            by_face[f][1].append(int(point[n]))
+    return by_face
 
 
 def turned_faces(vertices: np.ndarray, faces: np.ndarray, sides: tuple) -> tuple[np.ndarray, int]:

@@ -130,8 +130,8 @@ def trace(
     parts = [(first, min(size, beams - first)) for first in range(0, beams, size)]
     workers = min(thread_count(threads) if threads is None or isinstance(threads, int) else thread_count(), len(parts))
     total = None
-    for found in in_turn(lambda part, _: walk(*part), parts, workers):
-        total = found if total is None else tuple(a + b for a, b in zip(total, found, strict=True))
+    for sums in in_turn(lambda part, _: walk(*part), parts, workers):
+        total = sums if total is None else tuple(a + b for a, b in zip(total, sums, strict=True))
     assert total is not None
     return _found(total, planes, first_cell, emitter.power / beams, beams)
 

@@ -263,13 +263,13 @@ def _angles(n: float, phi: ArrayLike, incidence: ArrayLike) -> tuple[float, np.n
     exterior = real_number("wedge n", n)
     if not 1 <= exterior <= 2:
         reject("wedge n", "between 1 (a plane) and 2 (a half plane)", n, "n = 2 - interior angle / pi.")
-    found = []
+    angles = []
     for name, angle in (("phi", phi), ("incidence", incidence)):
         angle = real_array(f"wedge {name}", angle)
         if not ((angle >= 0) & (angle <= exterior * np.pi * (1 + 1e-15))).all():
             reject(f"wedge {name}", f"in the air, between 0 and {exterior:g} pi radians", angle)
-        found.append(angle)
-    return exterior, found[0], found[1]
+        angles.append(angle)
+    return exterior, angles[0], angles[1]
 
 
 def _sine(field: str, beta: np.ndarray) -> np.ndarray:

@@ -25,6 +25,7 @@ from specklegen.models.judging.benchmark import Results
 from specklegen.models.judging.evaluation import Evaluation
 from specklegen.models.likelihood.common_medium import Joint
 from specklegen.models.likelihood.multiframe import Multiframe
+from specklegen.models.likelihood.wide_field import WideField
 from specklegen.models.recoverability.assessment import Finding, Findings
 from specklegen.models.recoverability.speckle_test import SpeckleTest
 from specklegen.models.recoverability.verdict import Reason
@@ -93,6 +94,7 @@ SHOWN = {
         torch.rand(3, 8, 8), torch.tensor([False, True, False]), torch.zeros(3, 2, dtype=torch.int64), 0.9, 0.7
     ),
     "objects through one medium": lambda: Multiframe(torch.rand(3, 8, 8), 0.97, 0.9),
+    "wide object": lambda: WideField(torch.rand(8, 20), torch.rand(8, 20) > 0.1, torch.rand(6), 16.0),
     "evaluation": lambda: SCORED,
     "benchmark": lambda: Results({"thin": SCORED, "noise": SCORED}, 20),
     "scene of beams": lambda: SCENE,

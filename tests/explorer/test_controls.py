@@ -58,7 +58,7 @@ def test_an_address_that_is_shown_as_it_was_asked_for_says_nothing():
 
 def test_controls_stand_where_they_say_something():
     slab, layers, glass = (shown(State(medium=medium)) for medium in CONTROLS["medium"].steps)
-    assert {"thickness", "refractive_index", "analysers"} < set(slab)
+    assert {"thickness", "refractive_index", "tilt"} < set(slab)
     assert not {"grit", "gap", "second_g", "iris"} & set(slab)
     assert {"second_thickness", "second_g", "thickness"} < set(layers)
     assert not {"grit", "refractive_index"} & set(layers)
@@ -67,3 +67,15 @@ def test_controls_stand_where_they_say_something():
     lengths = {"iris", "object_distance", "object_width", "camera_distance", "pixel"}
     assert set(shown(State(setup="laboratory lengths"))) - set(slab) == lengths
     assert set(slab) - set(shown(State(setup="laboratory lengths"))) == {"aperture", "extent"}
+
+
+def test_controls_stand_in_their_view():
+    seeing, motion, polarised, lens = (set(shown(State(view=view))) for view in CONTROLS["view"].steps)
+    assert "view" in seeing & motion & polarised & lens
+    assert seeing - motion == {"tilt"}
+    assert motion - seeing == {"lag"}
+    assert polarised - seeing == {"analysers"}
+    assert lens - seeing == {"focus", "lens", "magnification"}
+    assert {"object", "extent", "aperture", "setup"} <= seeing - lens
+    assert "analysers" not in shown(State(view="polarisation", medium="two layers"))
+    assert not {"focus", "lens"} & set(shown(State(view="a lens", medium="ground glass")))

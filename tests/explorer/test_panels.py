@@ -37,7 +37,7 @@ def states(begin=BEGIN, names=None):
     """Each control that is shown, or of some names, at another step than where it begins, and both ends of some."""
     for name in shown(begin) if names is None else names:
         for step in {CONTROLS[name].steps[0], CONTROLS[name].steps[-1]} - {getattr(begin, name)}:
-            if name not in ("medium", "setup"):
+            if name not in ("view", "medium", "setup"):
                 yield begin._replace(**{name: step})
 
 
@@ -194,7 +194,10 @@ def test_a_laboratory_is_what_its_lengths_say():
 
 def test_panels_come_one_by_one_and_old_ones_are_grey_until_then(monkeypatch):
     titles = ["What the camera sees", "Verdict", "Recipe"]
-    made = tuple((title, False, lambda state, title=title: f"{title} of {state.sample}") for title in titles)
+    made = tuple(
+        page.Panel(title, False, lambda state, title=title: f"{title} of {state.sample}", (BEGIN.view,))
+        for title in titles
+    )
     monkeypatch.setattr(page, "_PANELS", made)
     kept = {}
     first = list(page.coming(BEGIN._replace(sample=3), kept))
@@ -216,6 +219,51 @@ def test_what_a_medium_has_not_is_said_in_its_panel(state):
         assert "medium must be a slab or layers, before a lens" in page._said(page._lens, state)
 
 
+VIEWS = CONTROLS["view"].steps
+
+
+def test_a_view_makes_its_own_panels_alone(monkeypatch):
+    """None that is not on the page is computed, and none is on no page."""
+    made = {view: [] for view in VIEWS}
+
+    def noted(title):
+        return lambda state: made[state.view].append(title) or title
+
+    monkeypatch.setattr(page, "_PANELS", tuple(each._replace(body=noted(each.title)) for each in page._PANELS))
+    for view in VIEWS:
+        text = page.panels(State(view=view))
+        assert [title for title in made[view] if title not in text] == []
+    assert set().union(*made.values()) == {each.title for each in page._PANELS}
+    assert "Through a lens" in made["a lens"]
+    assert "Through a lens" not in made["seeing through"] + made["motion"] + made["polarisation"]
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_each_view_hands_out_the_recipe_of_what_it_shows(view, tmp_path):
+    state = State(view=view, camera=64, thickness=200.0)
+    written = {}
+    for _, name, held in page.files(state):
+        (tmp_path / name).write_bytes(held)
+        written[name] = held.decode()
+    taken, made = load_recipe(tmp_path / "explored.toml"), {}
+    exec(written["explored.py"].rpartition("sample =")[0], made)  # noqa: S102 - our own text
+    assert taken == made["recipe"] == recipe.shown_of(state)
+    kinds = {"HiddenObject", "DynamicSlab", "AnalysedObject", "LensStack"}
+    assert type(taken).__name__ in kinds
+    assert len({type(recipe.shown_of(state._replace(view=each))) for each in VIEWS}) == len(kinds)
+
+
+def test_what_the_image_does_not_depend_on_makes_it_anew_never(monkeypatch):
+    """A tilt, a lag and a view leave the image, phase retrieval and the verdict as they are."""
+    state = State(camera=64, sample=2)
+    kept = panels.sample(state), panels.retrieved(state), panels.verdict(state)
+    for other in (state._replace(tilt=0.5), state._replace(lag=10.0), state._replace(view="motion")):
+        assert panels.sample(other) is kept[0]
+        assert panels.retrieved(other) is kept[1]
+        assert panels.verdict(other) is kept[2]
+    assert panels.sample(state._replace(sample=3)) is not kept[0]
+
+
 def test_layers_move():
     """The film is of the object behind layers, and forgets."""
     found = panels.moved(LAYERS._replace(camera=64))
@@ -231,9 +279,9 @@ def test_what_an_address_asked_for_in_vain_stands_at_the_head():
 
 def test_analysers_show_the_file_that_is_taken_along(tmp_path):
     """Both images and their shares, in linear and in circular light, through faces too."""
-    begun = State(camera=64, thickness=500.0)
+    begun = State(view="polarisation", camera=64, thickness=500.0)
     for state in (begun, begun._replace(analysers="circular", refractive_index=1.33)):
-        (tmp_path / "analysed.toml").write_text(recipe.analysed_toml(state))
+        (tmp_path / "analysed.toml").write_text(recipe.toml(state))
         found = panels.analysed(state)
         sample = load_recipe(tmp_path / "analysed.toml").sample(1, "test", 0)
         np.testing.assert_array_equal(found.images, sample["stack"])
@@ -243,12 +291,12 @@ def test_analysers_show_the_file_that_is_taken_along(tmp_path):
     assert "flipped: " in page._analysed(state)
 
 
-THIN = State(thickness=200.0, mean_free_path=50.0, camera=64, focus=200.0)
+THIN = State(view="a lens", thickness=200.0, mean_free_path=50.0, camera=64, focus=200.0)
 
 
 def test_what_the_lens_shows_is_the_file_that_is_taken_along(tmp_path):
     """Both planes, and each of the three sliders makes other images."""
-    (tmp_path / "lens.toml").write_text(recipe.lens_toml(THIN))
+    (tmp_path / "lens.toml").write_text(recipe.toml(THIN))
     found = panels.focused(THIN)
     np.testing.assert_array_equal(found.images, load_recipe(tmp_path / "lens.toml").sample(1, "test", 0)["stack"])
     assert found.images.shape == (2, 64, 64)
@@ -273,7 +321,8 @@ def test_a_plane_is_as_large_as_pixels_over_magnification():
 def test_pixels_larger_than_half_a_grain_are_refused_in_their_panel():
     text = page.panels(THIN._replace(magnification=1.0))
     assert "CameraGrid.pixels_per_grain must be at least 2" in text
-    assert "of the object" in text  # the others stay
+    assert text.count("sg-refused") == 3  # and where its recipe would stand
+    assert page.files(THIN._replace(magnification=1.0)) == []
     assert "200 µm behind it" in page.panels(THIN)
 
 
@@ -397,7 +446,7 @@ def test_what_is_impossible_is_said_and_does_nothing(monkeypatch):
     text = page.panels(State(camera=64))
     assert "slab must be &lt;b&gt;thin&lt;/b&gt;" in text
     assert "phase retrieval" in text
-    assert "after 2 ms" in text
+    assert "One beam, no object" in text
 
 
 def test_the_rate_is_that_of_sixteen_samples(monkeypatch):

@@ -134,12 +134,12 @@ class Bench(Value):
         """Draw the numbers float64[B] of samples by name, angles in radians, and which camera."""
         sources = [getattr(self, name) for name in _PER_SAMPLE]
         rows = drawn.numbers(Purpose.BENCH, [*sources, *(Uniform(uniform=(0.0, 1.0)) for _ in _PLACES)], numbers)
-        found: dict[str, torch.Tensor] = dict(zip((*_PER_SAMPLE, *_PLACES), rows, strict=True))
+        settings: dict[str, torch.Tensor] = dict(zip((*_PER_SAMPLE, *_PLACES), rows, strict=True))
         for name in ("drift_angle", "gradient_angle"):
-            found[name] = found[name] * (2 * math.pi)
-        found["camera"] = torch.floor(found["camera"] * max(1, len(self.cameras))).clamp(max=len(self.cameras))
-        found["rotation"] = torch.deg2rad(found["rotation"])
-        return found
+            settings[name] = settings[name] * (2 * math.pi)
+        settings["camera"] = torch.floor(settings["camera"] * max(1, len(self.cameras))).clamp(max=len(self.cameras))
+        settings["rotation"] = torch.deg2rad(settings["rotation"])
+        return settings
 
     @staticmethod
     def found(parameters: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
@@ -155,7 +155,7 @@ class Bench(Value):
         if not any(_moves(getattr(self, name), still) for name, still in (("rotation", 0.0), ("magnification", 1.0))):
             return objects
         rows, columns = objects.shape[1:]
-        made = []
+        transformed = []
         for one, turn, size in zip(objects, found["rotation"], found["magnification"], strict=True):
             c, s = torch.cos(turn) / size, torch.sin(turn) / size
             ratio = rows / columns  # grids run from -1 to 1 along either side
@@ -163,8 +163,8 @@ class Bench(Value):
             affine = torch.stack([torch.stack([c, s * ratio, zero]), torch.stack([-s / ratio, c, zero])])
             grid = torch.nn.functional.affine_grid(affine[None].to(one), [1, 1, rows, columns], align_corners=False)
             seen = torch.nn.functional.grid_sample(one[None, None], grid, align_corners=False)
-            made.append(seen[0, 0])
-        return torch.stack(made)
+            transformed.append(seen[0, 0])
+        return torch.stack(transformed)
 
     def seen(self, images: torch.Tensor, found: Mapping[str, torch.Tensor], keys: torch.Tensor) -> torch.Tensor:
         """Light on the pixels, real[B, n, H, W] over its mean; ``keys`` int64[B, 2] of the pixels' sensitivity."""
@@ -196,12 +196,12 @@ class Bench(Value):
         """Counts of images real[B, n, H, W] by the camera of each; by ``camera`` where none is drawn."""
         if not self.cameras:
             return exposure.expose(camera, images, keys)
-        made, chosen, brightness = [], found["camera"].tolist(), found["brightness"].tolist()
+        counts, chosen, brightness = [], found["camera"].tolist(), found["brightness"].tolist()
         for n in range(len(images)):
             own = self.cameras[int(chosen[n])]
             photons = max(brightness[n] * own.saturation, 1.0)
-            made.append(exposure.expose(own.replace(photons=photons), images[n : n + 1], keys[n : n + 1])[0])
-        return torch.stack(made)
+            counts.append(exposure.expose(own.replace(photons=photons), images[n : n + 1], keys[n : n + 1])[0])
+        return torch.stack(counts)
 
     @staticmethod
     def keys(drawn: Addresses, numbers: Sequence[int]) -> torch.Tensor:
@@ -224,6 +224,6 @@ def _filtered(image: torch.Tensor, blur: float, drift: float, angle: float) -> t
     fx = torch.fft.rfftfreq(wide.shape[-1], dtype=image.dtype, device=image.device)
     passed = torch.exp(-2 * (math.pi * blur) ** 2 * (fx.square() + fy.square()))
     passed = passed * torch.sinc(drift * (math.cos(angle) * fx + math.sin(angle) * fy))
-    made = torch.fft.irfft2(torch.fft.rfft2(wide) * passed, s=wide.shape[-2:])
+    blurred = torch.fft.irfft2(torch.fft.rfft2(wide) * passed, s=wide.shape[-2:])
     rows, columns = image.shape[-2:]
-    return made[:, margin[0] : margin[0] + rows, margin[1] : margin[1] + columns].clamp(min=0)
+    return blurred[:, margin[0] : margin[0] + rows, margin[1] : margin[1] + columns].clamp(min=0)

@@ -116,20 +116,20 @@ class Diffuser(Value):
 
     def labels(self, slab: ScreenStack) -> dict[str, float]:
         """The numbers that were drawn for a stack."""
-        found = {}
+        numbers = {}
         for name in self._draws():
             place, _, field = name.partition("_")
             if field:
-                found[name] = float(getattr(slab.screens[int(place.removeprefix("screen"))], field))
+                numbers[name] = float(getattr(slab.screens[int(place.removeprefix("screen"))], field))
             else:
-                found[name] = float(slab.gaps[int(place.removeprefix("gap"))])
-        return found
+                numbers[name] = float(slab.gaps[int(place.removeprefix("gap"))])
+        return numbers
 
     def in_laboratory(self, lab: LabSetup) -> Self:
         """Return the same screens in the unit of length of a laboratory, which gives the wavelength too."""
-        found = self.replace(screens=_in_unit(self.screens, lab.metres))
-        found._laboratory = lab.medium_wavelength
-        return found
+        diffuser = self.replace(screens=_in_unit(self.screens, lab.metres))
+        diffuser._laboratory = lab.medium_wavelength
+        return diffuser
 
     def realized(self, rng: np.random.Generator, split: Split) -> "KnownDiffuser":
         """One stack with its memory effect."""

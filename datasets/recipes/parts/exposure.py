@@ -26,11 +26,11 @@ def _shape(light: torch.Tensor, *_: object) -> torch.Tensor:
 
 def _on_the_cpu(light: torch.Tensor, keys: torch.Tensor, numbers: list[float]) -> torch.Tensor:
     camera = _camera(numbers)
-    found = [
+    counts = [
         counted(camera, image, [(k0, k1) for k0, k1 in four])
         for image, four in zip(light.contiguous().numpy(), keys.tolist(), strict=True)
     ]
-    return torch.from_numpy(np.stack(found).astype(np.float32))
+    return torch.from_numpy(np.stack(counts).astype(np.float32))
 
 
 def _camera(numbers: list[float]) -> Camera:
@@ -99,11 +99,11 @@ def expose(camera: Camera, images: torch.Tensor, keys: torch.Tensor) -> torch.Te
     """
     if is_own(type(camera)):
         intensity = images.clamp(min=0).to(torch.float64).cpu().numpy()
-        made = [
+        frames = [
             own_counts(camera, image, [(k0, k1) for k0, k1 in four])
             for image, four in zip(intensity, keys.tolist(), strict=True)
         ]
-        return torch.from_numpy(np.stack(made)).to(images.device)
+        return torch.from_numpy(np.stack(frames)).to(images.device)
     # Rounding may leave a dark pixel a little below 0.
     light = camera.photons * images.clamp(min=0).to(torch.float64)
     counts = exposed(light, keys, numbers_of(camera))

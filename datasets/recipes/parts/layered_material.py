@@ -145,10 +145,10 @@ class LayeredMaterial(Value):
 
     def slab_of(self, parameters: Mapping[str, float]) -> Layers:
         """Layers of a sample, from its stored parameters."""
-        made = []
+        layers = []
         for n, layer in enumerate(self.layers):
-            made.append(layer.layer({name: parameters[f"layer_{n}_{name}"] for name in layer.draws}))
-        return Layers(layers=tuple(made))
+            layers.append(layer.layer({name: parameters[f"layer_{n}_{name}"] for name in layer.draws}))
+        return Layers(layers=tuple(layers))
 
     def labels(self, slab: Layers) -> dict[str, float]:  # noqa: ARG002
         """None: what was drawn is among the parameters of the realized material."""

@@ -168,8 +168,8 @@ class Material(Value):
         """One slab of a split, and the numbers that samples tell of it."""
         slab = self.draw(rng, split)
         names = ("thickness", "mean_free_path", "optical_depth", "albedo")
-        told = {name: float(getattr(slab, name)) for name in names} | {"g": slab.scatterer.mean_cosine()}
-        return slab, told | self.labels(slab)
+        numbers = {name: float(getattr(slab, name)) for name in names} | {"g": slab.scatterer.mean_cosine()}
+        return slab, numbers | self.labels(slab)
 
     def _scatterer(self, g: float, rng: np.random.Generator) -> Scatterer:
         return HenyeyGreenstein(g=g) if self.scatterer is None else drawn_scatterer(self.scatterer, rng)
@@ -177,8 +177,8 @@ class Material(Value):
     def source(self, name: str, split: Split) -> Draw:
         """What a parameter is drawn from in a split."""
         own = self.by_split is not None and self.by_split.parameter == name
-        found = getattr(self.by_split, split) if own else getattr(self, name)
-        return 0.0 if found is None else found
+        draw = getattr(self.by_split, split) if own else getattr(self, name)
+        return 0.0 if draw is None else draw
 
     def realized(self, rng: np.random.Generator, split: Split) -> "CharacterizedMaterial":
         """One slab of a split with its correlation."""

@@ -54,8 +54,8 @@ class ParticleTable(dict[str, Any]):
 
 def _own_classes(scatterer: Scatterer) -> tuple[type[Scatterer], ...]:
     """All of a user's own classes in a scatterer."""
-    found = {type(each) for each in (scatterer, *(part for part, _ in scatterer.components))}
-    return tuple(sorted(filter(is_own, found), key=lambda kind: kind.__name__))
+    kinds = {type(each) for each in (scatterer, *(part for part, _ in scatterer.components))}
+    return tuple(sorted(filter(is_own, kinds), key=lambda kind: kind.__name__))
 
 
 def _read(table: Any) -> ParticleTable:
@@ -125,11 +125,11 @@ def scatterer_with(table: Mapping[str, Any], numbers: Mapping[str, float]) -> Sc
 
 def _made(table: Mapping[str, Any], numbers: dict[str, float]) -> Scatterer:
     try:
-        made = _SCATTERER.validate_python(dict(table) | numbers)
+        scatterer = _SCATTERER.validate_python(dict(table) | numbers)
     except ValidationError as error:
         raise broken_rules("Material.scatterer", error) from None
-    _require_code(table, made)
-    return made
+    _require_code(table, scatterer)
+    return scatterer
 
 
 def _require_code(table: Mapping[str, Any], made: Scatterer) -> None:

@@ -7,8 +7,9 @@ In TOML a ``[material]`` with a preset instead of a slab's numbers:
     thickness = 1000.0
     outside = 1.0                  # air, as by default; or "matched", without a step
 
-A number may be "range": it is then drawn from the range that the literature leaves. The wavelength is that in vacuum,
-in micrometres; lengths of the recipe are in units of ``unit`` metres.
+A number may be "range": it is then drawn from the range that the literature leaves. So may ``lobe``, a family of lobes
+that the material may have; the place in ``materials.about(name).lobes`` is then stored as ``preset_lobe``. The
+wavelength is that in vacuum, in micrometres; lengths of the recipe are in units of ``unit`` metres.
 """
 
 import math
@@ -29,7 +30,7 @@ from specklegen.datasets.recipes.parts.material import MOVING, CharacterizedMate
 from specklegen.datasets.split import Split
 from specklegen.instrument.lab import LabSetup
 from specklegen.materials import BulkMaterial
-from specklegen.materials.registry import require_measured
+from specklegen.materials.registry import known_lobe, require_measured
 from specklegen.scene.faces import Faces
 from specklegen.scene.media import Slab
 
@@ -43,13 +44,15 @@ def _read(table: Any) -> Any:
     if not isinstance(table, Mapping) or "name" not in table:
         reject("Material.preset", 'a name, or a table such as {name = "intralipid", wavelength = 0.633}', table)
     numbers = materials.about(table["name"]).numbers
-    measured = [field for field, value in table.items() if value != "range"]
+    measured = [field for field, value in table.items() if value != "range" and field != "lobe"]
     if "wavelength" in table and real_number("Material.preset wavelength", table["wavelength"]) > 0:
         require_measured(table["name"], table["wavelength"], measured)
     read = {}
     for field, value in table.items():
         if field in _FIXED:
             read[field] = value
+        elif field == "lobe":
+            read[field] = _lobe(table["name"], value)
         elif field not in numbers:
             reject("Material.preset", f"given numbers among {', '.join(numbers)}", field)
         elif value == "range":
@@ -61,6 +64,16 @@ def _read(table: Any) -> Any:
         else:
             read[field] = _DRAW.validate_python(value)
     return read
+
+
+def _lobe(name: str, value: Any) -> Any:
+    """Read a family of lobes, or a choice of all that a material may have: their places."""
+    lobes = materials.about(name).lobes
+    if value == "range" and lobes:
+        return Choice(choice=tuple(map(float, range(len(lobes)))))
+    if isinstance(value, Mapping | Choice):
+        return _DRAW.validate_python(value)  # as stores have it
+    return known_lobe(name, value)
 
 
 def _matched(outside: Any) -> Any:
@@ -85,7 +98,7 @@ class PresetMaterial(Value):
     preset
         Name (alone, if a ``[lab]`` says the rest), wavelength (in vacuum, micrometres), ``unit`` (metres in a length
         of the recipe, 1e-6 by default), and the numbers of the preset; each may be a constant, a range, a choice, or
-        "range" for that of the literature.
+        "range" for that of the literature; ``lobe`` is a family of lobes, or "range" for any that it may have.
     thickness
         Of the slab.
     outside
@@ -107,10 +120,10 @@ class PresetMaterial(Value):
         require_above("Material.thickness", self.thickness, 0)
         if "wavelength" not in self.preset:
             return self  # a laboratory gives it
-        made = [self._bulk(numbers) for numbers in self._corners()]
-        if len({bulk.refractive_index for bulk in made}) > 1:
+        bulks = [self._bulk(numbers) for numbers in self._corners()]
+        if len({bulk.refractive_index for bulk in bulks}) > 1:
             reject("Material.preset", "of one refractive index, which fixes the wavelength inside",
-                   sorted({bulk.refractive_index for bulk in made}), "Give a constant for what the index depends on.")
+                   sorted({bulk.refractive_index for bulk in bulks}), "Give a constant for what the index depends on.")
         return self
 
     @property
@@ -156,8 +169,8 @@ class PresetMaterial(Value):
         """One slab with its memory effect, and the numbers that were drawn for it."""
         thickness = drawn(self.thickness, rng)
         numbers = {name: drawn(source, rng) for name, source in self._draws().items()}
-        told = {f"preset_{name}": float(value) for name, value in numbers.items()}
-        return replace(self.known(self._slab(thickness, numbers)), drawn=told)
+        labels = {f"preset_{name}": float(value) for name, value in numbers.items()}
+        return replace(self.known(self._slab(thickness, numbers)), drawn=labels)
 
     def slab_of(self, parameters: Mapping[str, float]) -> Slab:
         """Slab of a sample, from its stored parameters."""
@@ -188,10 +201,13 @@ class PresetMaterial(Value):
         return [dict(zip(draws, corner, strict=True)) for corner in corners]
 
     def _bulk(self, numbers: Mapping[str, float]) -> BulkMaterial:
-        made = materials.get(**{**self.preset, **numbers})
-        if not isinstance(made, BulkMaterial):
+        given = {**self.preset, **numbers}
+        if not isinstance(given.get("lobe", ""), str):
+            given["lobe"] = materials.about(self.preset["name"]).lobes[int(given["lobe"])]
+        bulk = materials.get(**given)
+        if not isinstance(bulk, BulkMaterial):
             reject("Material.preset", "a bulk", self.preset["name"], "Write a ground glass as screens.")
-        return made
+        return bulk
 
     def _slab(self, thickness: float, numbers: Mapping[str, float]) -> Slab:
         return self._bulk(numbers).slab(thickness, None if self.outside == "matched" else self.outside)

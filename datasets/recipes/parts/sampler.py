@@ -38,9 +38,9 @@ def _asked(asked: Any) -> AnySampler:
         reject("Recipe.sampler", "one that makes media ready", kind.name, "Define its prepare_media.")
     if not is_own(kind):
         return kind.name
-    found = content_digest(kind)
-    if stated not in (None, found):
-        reject("Recipe.sampler", f"of the content of SHA-256 {str(stated)[:12]}", found[:12],
+    digest = content_digest(kind)
+    if stated not in (None, digest):
+        reject("Recipe.sampler", f"of the content of SHA-256 {str(stated)[:12]}", digest[:12],
                "Its class has changed since this was written: define it as it was, or make all anew.")  # fmt: skip
     return kind
 

@@ -67,5 +67,5 @@ def gaussian_beams(sines: torch.Tensor, spread: torch.Tensor) -> torch.Tensor:
     """Gaussians float64[B, n, n] of spreads float64[B] over a lattice of sines float64[n], cut off, of sum 1."""
     along = (sines / spread[:, None]).square()
     square = along[:, :, None] + along[:, None]
-    found = torch.where(square <= REACH**2, torch.exp(-square / 2), 0.0)
-    return found / found.sum((1, 2), keepdim=True)
+    beams = torch.where(square <= REACH**2, torch.exp(-square / 2), 0.0)
+    return beams / beams.sum((1, 2), keepdim=True)

@@ -26,6 +26,7 @@ from specklegen.datasets.objects import (
     Photographs,
     Points,
     Polygons,
+    Scan,
     Silhouettes,
     Strokes,
     glyphs,
@@ -58,7 +59,7 @@ def folder(tmp_path_factory):
 
 FAMILIES = [
     "glyphs", "photographs", "silhouettes", "folder", "digits", "points", "bars", "strokes", "polygons", "blobs",
-    "families",
+    "families", "scan",
 ]  # fmt: skip
 
 
@@ -77,6 +78,7 @@ def family(request, folder):
         "polygons": lambda: Polygons(shape=shape),
         "blobs": lambda: Blobs(shape=shape),
         "families": lambda: Families(shape=shape, families=(Glyphs(shape=shape), Points(shape=shape))),
+        "scan": lambda: Scan(shape=shape, grid=(2, 3), step=8, of=Glyphs(shape=(16, 16))),
     }[request.param]()
 
 

@@ -53,6 +53,28 @@ def test_a_named_material_is_planned_rendered_and_known_again(phantom):
     assert type(recipe)(**recipe.model_dump(mode="json", exclude_none=True)).fingerprint() == recipe.fingerprint()
 
 
+def test_a_family_of_lobes_is_named_or_drawn(phantom):
+    table = load_recipe(phantom).model_dump(mode="json", exclude_none=True)
+
+    def of(lobe):
+        preset = {"name": "skin", "wavelength": 0.8, "lobe": lobe}
+        return type(load_recipe(phantom))(**table | {"material": table["material"] | {"preset": preset}})
+
+    named, any_of_both = of("von-mises-fisher"), of("range")
+    assert {slab.scatterer.type for slab in named.material.extremes()} == {"VonMisesFisher"}
+    assert {slab.scatterer.type for slab in any_of_both.material.extremes()} == {"HenyeyGreenstein", "VonMisesFisher"}
+    rng = np.random.default_rng(0)
+    drawn = [any_of_both.material.realized(rng, "train") for _ in range(6)]
+    assert {each.drawn["preset_lobe"] for each in drawn} == {0.0, 1.0}
+    for each in drawn:
+        told = {"thickness": each.slab.thickness, **each.drawn}
+        assert any_of_both.material.slab_of(told) == each.slab
+    stored = any_of_both.model_dump(mode="json", exclude_none=True)
+    assert type(any_of_both)(**stored).fingerprint() == any_of_both.fingerprint()
+    with pytest.raises(sg.RuleError, match='lobe must be one of "henyey-greenstein", "von-mises-fisher"'):
+        of("gaussian")
+
+
 def test_a_preset_takes_the_place_of_a_slab_that_is_inherited():
     recipe = load_recipe("two-tilts", {"material": {"preset": {"name": "skin", "wavelength": 0.8}, "thickness": 500.0}})
     assert recipe.material.extremes() == [sg.materials.get("skin", 0.8).slab(500.0)]

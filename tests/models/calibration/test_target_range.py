@@ -4,10 +4,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.stats import norm
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
+from specklegen.models.calibration.target_range import BOUNDS, GAUSSIAN, Fall, decay
 
 FALSE_ALARM = 1e-4
 LETTER = np.kron([[1, 1, 1], [1, 0, 0], [1, 1, 0], [1, 0, 0], [1, 0, 0]], np.ones((3, 3)))
@@ -54,6 +56,37 @@ def test_the_range_is_found(power):
 def test_a_range_two_fifths_longer_is_excluded():
     """A mutation of the medium that fits."""
     assert fit(RANGE, 2.0).interval(0.95)["range"].high < 1.4 * RANGE
+
+
+@pytest.mark.parametrize("fall", [GAUSSIAN, Fall(0.1, 0.6), Fall(1.7, 0.05), Fall(4.0, 2.0)])
+def test_the_form_is_one_half_at_the_range_and_begins_as_a_gaussian_function(fall):
+    assert decay(np.array([0.0, 1.0]), fall) == pytest.approx([1.0, 0.5], rel=1e-12)
+    near = -np.log(decay(np.array([1e-3, 2e-3]), fall))
+    assert near[1] / near[0] == pytest.approx(4, rel=1e-3)
+    assert (np.diff(decay(np.linspace(0, 8, 100), fall)) < 0).all()
+
+
+def test_the_form_has_its_limits():
+    x = np.linspace(0, 3, 31)
+    np.testing.assert_allclose(decay(x, GAUSSIAN), 2.0 ** -(x**2), rtol=1e-12)
+    np.testing.assert_allclose(decay(x, Fall(1e-6, 1.3)), 2.0 ** -(x**1.3), rtol=1e-6)
+
+
+def test_the_form_holds_a_thick_slab_which_no_power_does():
+    """(q / sinh q)^2, what is left of diffuse light through a slab, up to twice its range."""
+    q = np.linspace(0.02, 2, 50) * 1.4914  # (q / sinh q)^2 = 1 / 2 there
+    slab, apart = np.square(q / np.sinh(q)), q / 1.4914
+    assert np.interp(1, apart, slab) == pytest.approx(0.5, abs=1e-3)
+
+    def off(at):
+        return decay(apart * np.exp(at[2]), Fall(np.exp(at[0]), at[1])) - slab
+
+    low, high = np.array([*BOUNDS, (-0.3, 0.3)]).T
+    held = least_squares(off, [0.5, 1.0, 0.0], bounds=(low, high))
+    assert np.abs(held.fun).max() < 1e-3
+    assert abs(held.x[2]) < 2e-3
+    plain = least_squares(lambda at: 2.0 ** -((apart * np.exp(at[1])) ** at[0]) - slab, [1.5, 0.0])
+    assert np.abs(plain.fun).max() > 5e-3
 
 
 def test_a_target_within_the_range_leaves_it_open_above():

@@ -1,0 +1,43 @@
+"""Families of lobes that stand for what tissues really do at small angles, which hardly any measurement shows.
+
+Lobes of one mean cosine leave one transport length, but not one memory effect: one that is Gaussian has no tails, that
+of Henyey and Greenstein wide ones, and measured tissues lie between them. Both have tables in the atlas.
+"""
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from specklegen.core.arguments import real_number
+from specklegen.core.errors import reject
+from specklegen.core.lazy import LazyModule
+from specklegen.scene.scatterers import HenyeyGreenstein, Scatterer, VonMisesFisher
+
+if TYPE_CHECKING:
+    from scipy import optimize
+else:
+    optimize = LazyModule("scipy.optimize")
+
+LOBES = ("henyey-greenstein", "von-mises-fisher")
+
+
+def lobe_of(family: str, g: float) -> Scatterer:
+    """Return the lobe of a family of ``LOBES`` whose mean cosine is g; of a g of 0 and below there is one alone."""
+    if family == LOBES[0] or g <= 0:
+        return HenyeyGreenstein(g=g)
+    return VonMisesFisher(concentration=_concentration(real_number("materials g", g)))
+
+
+@lru_cache
+def _concentration(g: float) -> float:
+    """Kappa of coth kappa - 1 / kappa = g."""
+    if not g < 1:
+        reject("materials g", "below 1", g)
+    low, high = np.log([g, 4 / (1 - g)])  # g < kappa / 3 of a wide lobe, 1 - 1 / kappa of a narrow one
+
+    def off(log: float) -> float:
+        return VonMisesFisher(concentration=float(np.exp(log))).mean_cosine() - g
+
+    log = optimize.brentq(off, low, high, xtol=1e-14)
+    return float(np.exp(log))  # type: ignore[arg-type]
