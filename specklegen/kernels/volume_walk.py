@@ -160,6 +160,27 @@ def _probe_power(medium, by_lobe, lobe, table, even, kinds, points, leg, kind, s
     return best
 
 
+@folded
+def _seen_at_once(by_lobe, lobe, table, even, light_kinds, lights, view_kinds, views, place, kind):
+    """Largest phase function of single scattering at a place, from any probe of the lights into any of the views."""
+    g, rows, places = lobe
+    x, y, z = place
+    best = 0.0
+    for n in range(light_kinds.shape[0]):
+        ix, iy, iz = lights[n, 0], lights[n, 1], lights[n, 2]
+        if light_kinds[n] == NEAR:
+            ix, iy, iz = ix - x, iy - y, iz - z
+        for m in range(view_kinds.shape[0]):
+            vx, vy, vz = views[m, 0], views[m, 1], views[m, 2]
+            if view_kinds[m] == NEAR:
+                vx, vy, vz = vx - x, vy - y, vz - z
+            long = math.sqrt((ix * ix + iy * iy + iz * iz) * (vx * vx + vy * vy + vz * vz))
+            if long > 0.0:
+                cos = max(-1.0, min(1.0, -(ix * vx + iy * vy + iz * vz) / long))
+                best = max(best, _judged_power(by_lobe, g, rows, places, table, kind, even, cos))
+    return best
+
+
 @inlined
 def _below(limit, factor):
     """The largest value that stays below ``limit`` when multiplied by ``factor`` >= 0, with room for rounding."""
@@ -305,12 +326,13 @@ def trace_volume(where, share, volume, table, by_lobe, lobe, sources, probes, ru
             scattering = albedos[here] * extinction[here]
             kind = choose_type(table, materials[here], words[LANES * TYPE + n])
             events += 1
-            # s(i . v) of single scattering is the same for all and not known here: judged as isotropic.
             kept = weight = scattering / vertex
             u = words[LANES * KEPT + n]
             leg = Leg(x, y, z, 0.0, 0.0, 0.0)
             if threshold > 0.0:
-                w = weight * even
+                w = weight * _seen_at_once(
+                    by_lobe, judging, table, even, light_kinds, lights, view_kinds, views, (x, y, z), kind
+                )
                 for kinds, ends in ((light_kinds, lights), (view_kinds, views)):
                     # What is lost on the way out only lowers it, but for points, which may be close.
                     if near or survivor_weight(weight, w, threshold, u) > 0.0:

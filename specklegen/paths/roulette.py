@@ -1,11 +1,17 @@
 """Russian roulette of connections: faint ones are kept rarely, and count for more when they are.
 
-A connection of contribution w is kept with probability min(1, w / threshold), its weight divided by that. Any threshold
-is right; ten times the mean contribution of a pilot makes 24 times fewer connections for 1 % more variance.
+A connection is judged by w, the largest contribution at a few lights and views that stand for all, of beams without
+their profile. It is kept with probability min(1, w / t), its weight divided by that. Any threshold t is right; one
+makes the least work for an error, as a pilot that keeps all its connections knows: where
 
-w is the largest contribution at a few views that stand for all. Between them a narrow lobe may make a connection R
-times as bright as at the nearest; kept by w / threshold it would be a rare one that outshines all others there, and
-those few would not know. The threshold is then R times lower (:func:`between_probes`).
+    (cost of a path + connections kept) x variance of its light,    kept = sum min(1, w / t),
+    variance = V + sum_(w < t) c^2 (t / w - 1)    for contributions c to what a light sends to a view
+
+(means over paths), is least. What is added to V counts twice, for the views that are not looked at.
+
+Between them a narrow lobe may make a connection R times as bright as at the nearest; kept by w / t it would be a rare
+one that outshines all others there, and those few would not know. The threshold is then 2R times lower
+(:func:`between_probes`).
 """
 
 import math
@@ -17,14 +23,15 @@ import numpy as np
 from specklegen.core.parallel import slices
 from specklegen.core.random_streams import Seed, Stream
 from specklegen.kernels.volume import Volume
-from specklegen.paths.bank import PathBank
-from specklegen.paths.endpoint_factors import contributions_of_pairs, endpoint_factors
+from specklegen.paths.endpoint_factors import contributions_of_pairs
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.volume_tracer import VolumeTracer
 from specklegen.scene.scatterers.scatterer import Dimensions, Scatterer
 
-ALWAYS_FROM = 10.0  # times the mean contribution (docs/physics.md 2)
-SLAB_PATHS, VOLUME_PATHS = 2000, 4096  # of the pilots
+TIMES = 2.0  # that the added variance counts
+SLAB_PATHS = VOLUME_PATHS = 4096  # of the pilots
+_SLAB_EVENT, _VOLUME_EVENT = 0.05, 0.01  # cost of a scattering event, in connections by the NUFFT or the direct sum
+_TRIED = 1000  # thresholds
 _LEAST_AT_ONCE, _EVENTS_AT_ONCE = 256, 2**15  # paths of a slab's pilot, or their events; all of them are 16 MB at most
 _FIRST_PATHS = 64  # of a pilot, which tell how many more its memory allows
 _PILOT_CONNECTIONS = 2**20
@@ -37,7 +44,7 @@ _SLAB_CONNECTIONS = 2**23  # of all together: fewer than SLAB_PATHS from an opti
 def between_probes(
     scatterers: Sequence[Scatterer], dimension: Dimensions, views: np.ndarray, probes: np.ndarray
 ) -> float:
-    """Share of the threshold that is left where lobes are narrow beside gaps between probes: 1 up to R = 4, then 1 / R.
+    """Share of the threshold left where lobes are narrow beside gaps between probes: 1 up to R = 4, then 1 / 2R.
 
     Parameters
     ----------
@@ -56,25 +63,66 @@ def between_probes(
     for each in scatterers:
         lobe = sum(share * np.square(np.abs(part.amplitude(cosines, dimension))) for part, share in each.components)
         largest = max(largest, float(lobe.max() / max(lobe.min(), least)))
-    return 1.0 if largest <= _BRIGHTER else 1 / largest
+    return 1.0 if largest <= _BRIGHTER else 0.5 / largest
+
+
+def cheapest_threshold(
+    judged: np.ndarray, contributions: np.ndarray, paths: np.ndarray, count: int, event: float
+) -> float:
+    """Threshold of the least work for an error, as a pilot that kept all its connections knows it.
+
+    Parameters
+    ----------
+    judged : float64[M]
+        What each of the pilot's connections is judged by.
+    contributions : float64[P, M]
+        What it sends from lights to views; the pair whose error falls slowest decides.
+    paths : int64[M]
+        The paths that they belong to, below ``count``.
+    count
+        Paths of the pilot.
+    event
+        Cost of a scattering event, each of which made one connection, over that of a connection that is kept.
+    """
+    largest, brightest = float(judged.max(initial=0.0)), float(contributions.max(initial=0.0))
+    if largest == 0 or brightest == 0:
+        return 1e-300  # where none of the pilot's light comes out connections of no weight are dropped
+    order = np.argsort(judged)
+    t = judged[order] / largest
+    order, t = order[t > 0], t[t > 0]
+    # Thresholds that are tried: at the brightest connection, the next, and so on to every hundredth.
+    tried = np.unique(len(t) - np.geomspace(1, len(t), _TRIED).astype(np.int64))
+    kept = (np.cumsum(t)[tried] / t[tried] + len(t) - 1 - tried) / count
+    relative = np.zeros(len(tried))
+    for each in contributions:
+        whole = np.bincount(paths, each, count) / brightest
+        if mean := float(whole.mean()):
+            squares = np.square(each[order] / brightest)
+            below, over = np.cumsum(squares)[tried], np.cumsum(squares / t)[tried]
+            added = np.maximum(t[tried] * over - below, 0.0) / count
+            relative = np.maximum(relative, (whole.var() + TIMES * added) / mean**2)
+    best = np.argmin((event * len(paths) / count + kept) * relative)
+    return largest * float(t[tried[best]]) or largest
 
 
 def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTracer:
     """Set the threshold of a slab's tracer from a pilot under one light, at the views by which it judges."""
-    fitting = int(_SLAB_CONNECTIONS / tracer.events_per_path)
+    fitting = int(_SLAB_CONNECTIONS / (tracer.events_per_path * max(len(tracer.proposal.probes), 1)))
     layout = tracer.layout.at(light, tracer.proposal.probes)
     at_once = max(_LEAST_AT_ONCE, int(_EVENTS_AT_ONCE / tracer.events_per_path))
 
-    def largest(part: slice) -> np.ndarray:
+    def weighed(part: slice) -> tuple[np.ndarray, np.ndarray]:
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, stream=Stream.PILOT, threads=1)
-        return contributions_of_pairs(layout, bank)[0].max(axis=0)
+        return contributions_of_pairs(layout, bank)[0], bank.paths
 
-    contributions = np.concatenate([*map(largest, slices(min(SLAB_PATHS, max(fitting, 16)), at_once))])
-    if len(contributions) == 0:
+    count = min(SLAB_PATHS, max(fitting, 16))
+    parts = [weighed(part) for part in slices(count, at_once)]
+    found, paths = np.concatenate([w for w, _ in parts], axis=1), np.concatenate([owners for _, owners in parts])
+    del parts
+    if len(paths) == 0:
         return tracer
-    threshold = ALWAYS_FROM * float(contributions.sum() / len(contributions))
-    # Where none of the pilot's light comes out, connections of no weight are dropped, not all of them kept.
-    return replace(tracer, proposal=replace(tracer.proposal, threshold=threshold or 1e-300))
+    threshold = cheapest_threshold(found.max(axis=0), found, paths, count, _SLAB_EVENT)
+    return replace(tracer, proposal=replace(tracer.proposal, threshold=threshold))
 
 
 def volume_roulette(tracer: VolumeTracer, seed: Seed) -> VolumeTracer:
@@ -91,20 +139,17 @@ def volume_roulette(tracer: VolumeTracer, seed: Seed) -> VolumeTracer:
         bank = judging.trace(seed, count, stream=Stream.PILOT, threads=1)
     if len(bank) < 4 * count:
         return tracer  # few connections a path: judging them costs more than it saves
-    return replace(tracer, threshold=ALWAYS_FROM * float((bank.weight * _judged_power(tracer, bank)).mean()))
+    layout = tracer.layout.probed()
+    bare = replace(layout, lights=tracer.layout.lights.probed())
+    judged = contributions_of_pairs(bare, bank).reshape(-1, len(bank)).max(axis=0)
+    found = contributions_of_pairs(layout, bank).reshape(-1, len(bank))
+    return replace(tracer, threshold=cheapest_threshold(judged, found, bank.paths, count, _VOLUME_EVENT))
 
 
 def with_capacity(tracer: VolumeTracer) -> VolumeTracer:
     """Reserve twice what a pilot's paths connect; memory that is not written to costs nothing."""
     bank = tracer.trace(0, _FIRST_PATHS, stream=Stream.PILOT, threads=1)
     return replace(tracer, capacity=2 * len(bank) / _FIRST_PATHS + 1)
-
-
-def _judged_power(tracer: VolumeTracer, bank: PathBank) -> np.ndarray:
-    """float64[M], |A|^2 |B|^2 at the brightest probes: the scale on which the walk judges."""
-    layout = tracer.layout
-    light = np.square(np.abs(endpoint_factors(layout, bank, layout.lights.probed(), "entry"))).max(axis=0)
-    return light * np.square(np.abs(endpoint_factors(layout, bank, layout.views.probed(), "exit"))).max(axis=0)
 
 
 def _events_between_faces(volume: Volume) -> float:

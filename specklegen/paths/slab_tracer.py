@@ -200,7 +200,7 @@ def trace(
 
     def block(start: int) -> PathBank:
         size = min(BLOCK, first + count - start)
-        capacity = 2 * size if proposal.threshold else int(size * (4 + 2 * foretold))
+        capacity = 8 * size if proposal.threshold else int(size * (4 + 2 * foretold))
         while True:
             records, bounces = np.empty((capacity, columns)), np.zeros((capacity, 2), np.int8)
             orders = np.empty(capacity, np.int32)
