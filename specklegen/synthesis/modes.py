@@ -258,10 +258,8 @@ def _between_tilts(correlations: Correlations, lattice: Lattice) -> torch.Tensor
     which = torch.from_numpy(which.reshape(-1))
     dx, dy = _apart(lattice, gap[torch.from_numpy(kinds)][None])
     distance = torch.hypot(dy[0, :, :, None], dx[0, :, None, :])
-    correlation = torch.empty_like(distance)
-    for kind, own in enumerate(distance):  # of many pairs of pixels it is the same again
-        unique, same = torch.unique(own, return_inverse=True)
-        correlation[kind] = correlations(unique[None])[0][same]
+    unique, same = torch.unique(distance, return_inverse=True)  # of many pairs of pixels it is the same again
+    correlation = correlations(unique[None])[0][same]
     whole = correlation.new_empty((tilts, tilts, *correlation.shape[1:]))
     whole[first, second] = correlation[which]
     whole[second, first] = correlation[which].flip(1, 2)

@@ -76,12 +76,13 @@ EVEN = np.array([0.31e-3, -0.17e-3]) + np.arange(6)[:, None] * np.array([0.4e-3,
 
 @pytest.mark.parametrize(("base", "gaps"), [(EVEN, 6), (BACK_AND_FORTH, 8), (EVEN[::-1], 6)])
 def test_every_gap_of_tilts_is_asked_once(base, gaps, monkeypatch):
-    """K between all beams is the literal one, and K is asked for one block of each gap, whichever way it is."""
+    """K between all beams is the literal one, and K is asked for one block of each gap at most, whichever way it is."""
     shape, step, asked = (3, 4), 4e-4, []
     call = Tabulated.__call__
     monkeypatch.setattr(Tabulated, "__call__", lambda self, q: asked.append(q.shape) or call(self, q))
     found = modes.memory(Tabulated([K]), lattice(shape, step, base))[0].numpy()
-    assert len(asked) == gaps
+    (lags,) = asked
+    assert lags[1] <= gaps * 5 * 7  # of len(base)^2 blocks
     down, across = (step * np.arange(1 - n, n) for n in shape)
     gap = base[:, None] - base
     apart = np.hypot((gap[..., 1, None] - down)[..., :, None], (gap[..., 0, None] - across)[..., None, :])
