@@ -147,8 +147,8 @@ class Covariance(Pictured, Labelled):
         realizations = whole_number("Covariance.sample realizations", realizations, 1)
         t, v = self.value.shape[:2]
         held = 16.0 * t * v * realizations
-        contents = f"{realizations} fields"
-        require_memory("Covariance.sample realizations", "held", held, contents, "Draw fewer at a time.", share=0.9)
+        amount = f"{realizations} fields"
+        require_memory("Covariance.sample realizations", "held", held, amount, "Draw fewer at a time.", share=0.9)
         values, vectors = np.linalg.eigh(self.value.reshape(t * v, t * v))
         root = vectors * np.sqrt(np.clip(values, 0, None) / 2)
         key = stream_key(seed, Stream.EIGEN)
