@@ -137,12 +137,12 @@ class SpeckleCache(Dataset, Pictured):
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Images of those of its first samples that are there."""
         key = "image" if "image" in self.keys else self.keys[0]
-        found = []
+        images = []
         for n in range(min(len(self), SHOWN)):
             with contextlib.suppress(MissingSample):
-                found.append(np.abs(self.numpy(n)[key]))
-        if found:
-            draw_stack(axes, np.stack(found))
+                images.append(np.abs(self.numpy(n)[key]))
+        if images:
+            draw_stack(axes, np.stack(images))
         axes.set_title(label or "")
 
     def __len__(self) -> int:

@@ -118,9 +118,9 @@ def _features(arrays: dict[str, np.ndarray], parameters: list[str], named: list[
             return {"shape": list(array.shape), "dtype": str(array.dtype), "_type": f"Array{array.ndim}D"}
         return value(str(array.dtype)) if array.ndim == 0 else {"feature": value(str(array.dtype)), "_type": "List"}
 
-    told = {"index": value("int64"), "seed": value("int64")} | {name: value("string") for name in named}
-    told |= {key: feature(array) for key, array in arrays.items()}
-    return told | {name: value("float64") for name in parameters}
+    features = {"index": value("int64"), "seed": value("int64")} | {name: value("string") for name in named}
+    features |= {key: feature(array) for key, array in arrays.items()}
+    return features | {name: value("float64") for name in parameters}
 
 
 def _card(cache: SpeckleCache, rows: dict[str, int]) -> str:
@@ -147,8 +147,8 @@ def _croissant(
 
     def field(split: str, name: str, kind: str, about: str, repeated: bool = False) -> dict[str, Any]:
         source = {"fileObject": {"@id": f"{split}.parquet"}, "extract": {"column": name}}
-        told = {"@type": "cr:Field", "@id": f"{split}/{name}", "dataType": kind, "description": about, "source": source}
-        return told | ({"repeated": True} if repeated else {})
+        node = {"@type": "cr:Field", "@id": f"{split}/{name}", "dataType": kind, "description": about, "source": source}
+        return node | ({"repeated": True} if repeated else {})
 
     def record_set(split: str) -> dict[str, Any]:
         numbers = [field(split, name, "sc:Integer", f"{name} of the sample") for name in ("index", "seed")]

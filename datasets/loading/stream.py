@@ -117,9 +117,9 @@ class SpeckleStream(EpochBatches):
         if get_worker_info() is not None:
             self._require_no_workers(get_worker_info().num_workers)  # type: ignore[union-attr]
         if self._generator is not None:
-            for made, parts in ahead(self._at_once(self._generator, epoch, [*numbers]), self.device):
+            for rendered, parts in ahead(self._at_once(self._generator, epoch, [*numbers]), self.device):
                 for part in parts:
-                    batch = _own(made, part)
+                    batch = _own(rendered, part)
                     require_finite(batch, self.recipe, self.seed, self.split)
                     yield batch
             return

@@ -125,18 +125,18 @@ def mend_metadata(folder: Path, recipe: Renderable) -> str:
             metadata.read(folder)
             return ""
         except RuleError as fault:
-            found = str(fault)
+            damage = str(fault)
         attributes, samples = metadata.stated(folder)
         there = attributes["identity"]
         wanted = identity(recipe, there["seed"], there["split"], there["dtype"])
         _require_same(folder, attributes, wanted)
         layout = layout_of(recipe, wanted, samples, attributes["shard_samples"], attributes["notes"])
         with tempfile.TemporaryDirectory() as temporary:
-            made = write_empty(Path(temporary), layout)
-        made.write_arrays(folder, samples)
-        made.write(folder)
+            record = write_empty(Path(temporary), layout)
+        record.write_arrays(folder, samples)
+        record.write(folder)
         file_names.write(folder, layout.file_names)
-        return found
+        return damage
 
 
 def _with_parent(file: Path) -> Path:

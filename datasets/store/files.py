@@ -39,7 +39,7 @@ def writing(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        said = f"The system says: {error}."
+        remedy = f"The system says: {error}."
         if no_room(error):
-            said += " Make room, then run the same command again: what is stored is kept."
-        reject("generate.folder", "in a place where you can write", str(folder), said)
+            remedy += " Make room, then run the same command again: what is stored is kept."
+        reject("generate.folder", "in a place where you can write", str(folder), remedy)

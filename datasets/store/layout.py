@@ -120,11 +120,11 @@ def write_empty(folder: Path, layout: Layout) -> metadata.Metadata:
         )
     for name, table in layout.tables.items():
         group.create_array(name, **table, compressors=[Crc32cCodec()], filters=None, fill_value=0)
-    made = metadata.record_of(folder, samples)
-    made.write_arrays(folder, samples)  # as this program writes them, whatever the version of zarr
-    made.write(folder)
+    record = metadata.record_of(folder, samples)
+    record.write_arrays(folder, samples)  # as this program writes them, whatever the version of zarr
+    record.write(folder)
     file_names.write(folder, layout.file_names)
-    return made
+    return record
 
 
 def _tables(samples: int, rows: int, names: list[str], about: str) -> dict[str, dict[str, Any]]:

@@ -65,8 +65,8 @@ class Metadata:
 
     def said(self, name: str) -> dict[str, Any]:
         """Return what the ``zarr.json`` of an array says, its length included."""
-        said = self.files[f"{name}/zarr.json"]
-        return said | {"shape": [self.rows(name, self.samples), *said["shape"][1:]]}
+        content = self.files[f"{name}/zarr.json"]
+        return content | {"shape": [self.rows(name, self.samples), *content["shape"][1:]]}
 
     def replace(self, **lengths: int) -> Self:
         """Return the metadata of a store of other lengths."""
@@ -81,13 +81,13 @@ class Metadata:
     def write_arrays(self, folder: Path, samples: int) -> None:
         """Write every ``zarr.json`` that does not say what it should for so many samples; the ledger's last."""
         for name in sorted(self.files, key=lambda name: name == "valid/zarr.json"):
-            said = self.files[name]
+            content = self.files[name]
             if "/" in name:
-                said = said | {"shape": [self.rows(Path(name).parent.name, samples), *said["shape"][1:]]}
+                content = content | {"shape": [self.rows(Path(name).parent.name, samples), *content["shape"][1:]]}
             file = folder / name
-            if not file.is_file() or file.read_bytes() != json_bytes(said):
+            if not file.is_file() or file.read_bytes() != json_bytes(content):
                 file.parent.mkdir(exist_ok=True)
-                write_whole(file, json_bytes(said))
+                write_whole(file, json_bytes(content))
 
 
 def _record(folder: Path) -> Path:
@@ -177,10 +177,10 @@ def read(folder: Path) -> Metadata:
 
 def disagreed(folder: Path, there: Metadata) -> int | None:
     """Return the greatest of the lengths that the record of a store and its arrays state; None where all agree."""
-    said = {name: _json(folder / name / "zarr.json")["shape"][0] for name in there.arrays}
-    if there.room == there.samples and all(said[name] == there.rows(name, there.samples) for name in said):
+    lengths = {name: _json(folder / name / "zarr.json")["shape"][0] for name in there.arrays}
+    if there.room == there.samples and all(lengths[name] == there.rows(name, there.samples) for name in lengths):
         return None
-    return max(there.room, *(length for name, length in said.items() if name != "checksum"))
+    return max(there.room, *(length for name, length in lengths.items() if name != "checksum"))
 
 
 def reject_strangers(folder: Path) -> None:
@@ -193,14 +193,14 @@ def reject_strangers(folder: Path) -> None:
     """
     if is_store(folder) and recorded(folder) is not None:
         return
-    said = _json(folder / "zarr.json") if is_store(folder) else None
+    content = _json(folder / "zarr.json") if is_store(folder) else None
     if not (folder / "zarr.json").is_file():
         reject("store.folder", "a folder that holds a store", str(folder), "Make one with generate.")
-    attributes = said.get("attributes") if isinstance(said, dict) else {}
+    attributes = content.get("attributes") if isinstance(content, dict) else {}
     stated = attributes.get("format") if isinstance(attributes, dict) else None
-    if said is not None and not str(stated).startswith("specklegen store"):
+    if content is not None and not str(stated).startswith("specklegen store"):
         reject("store.folder", "a folder that holds a store", str(folder), "Make one with generate.")
-    if said is not None and stated != FORMAT:
+    if content is not None and stated != FORMAT:
         reject(
             "store.folder", f"a {FORMAT}", f"{folder}, a {stated}",
             "Generate it again in a new folder, from the recipe and the seed in its zarr.json.",
@@ -218,19 +218,19 @@ def _json(file: Path) -> Any:
 def _faults(folder: Path, there: Metadata) -> Iterator[str]:
     """Name the files that do not say what the record says, with the fields that differ."""
     for name, expected in there.files.items():
-        said = _json(folder / name)
-        if not isinstance(said, dict):
+        content = _json(folder / name)
+        if not isinstance(content, dict):
             yield f"{name} ({'damaged' if (folder / name).is_file() else 'missing'})"
             continue
         if "/" in name:
             allowed = [there.rows(name.partition("/")[0], n) for n in (there.samples, there.room)]
-            shape = said.get("shape")
+            shape = content.get("shape")
             length = shape[0] if isinstance(shape, list) and shape else None
             if isinstance(length, bool) or length not in allowed:
                 yield f"{name} (length {length!r} instead of {allowed[0]})"
-            said = said | {"shape": [None, *shape[1:]]} if isinstance(shape, list) else said
-        if _digest(said) != _digest(expected):
-            yield f"{name} ({'; '.join(differences(said, expected)) or 'other types of numbers'})"
+            content = content | {"shape": [None, *shape[1:]]} if isinstance(shape, list) else content
+        if _digest(content) != _digest(expected):
+            yield f"{name} ({'; '.join(differences(content, expected)) or 'other types of numbers'})"
 
 
 def _digest(value: Any) -> str:
@@ -250,9 +250,9 @@ def stated(folder: Path) -> tuple[dict[str, Any], int]:
     known = recorded(folder)
     if known is not None:
         return known.attributes, known.room
-    said = _json(folder / "zarr.json")
+    content = _json(folder / "zarr.json")
     try:
-        attributes = said["attributes"]
+        attributes = content["attributes"]
         if fingerprint(attributes["identity"]) != attributes["fingerprint"]:
             raise ValueError
         names = [*attributes["arrays"], *COLUMNS, "valid"]

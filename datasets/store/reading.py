@@ -86,10 +86,10 @@ class SampleReader:
             files.close()
 
     def _table(self, shard: int) -> dict[str, np.ndarray]:
-        found = self._tables.get(shard)
-        if found is None:
-            found = {name: self.store.table(name, shard) for name in COLUMNS}
-            self._tables[shard] = found
+        table = self._tables.get(shard)
+        if table is None:
+            table = {name: self.store.table(name, shard) for name in COLUMNS}
+            self._tables[shard] = table
             if len(self._tables) > _TABLES:
                 self._tables.popitem(last=False)
-        return found
+        return table

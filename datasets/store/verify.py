@@ -60,7 +60,7 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
     GenerationError
         If a shard could not be rendered again.
     """
-    found = mend_metadata(Path(folder).absolute(), repair) if repair is not None else ""
+    metadata_damage = mend_metadata(Path(folder).absolute(), repair) if repair is not None else ""
     store = Store(folder, writable=repair is not None)
     stated = store.attributes["identity"]
     if repair is not None:
@@ -83,7 +83,7 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
         failed = [outcome.message for outcome in outcomes if outcome.state == "failed"]
         if failed:
             raise GenerationError("\n".join(failed))
-    return Verification(store.shard_count, tuple(damaged), tuple(unfinished), orphans, found)
+    return Verification(store.shard_count, tuple(damaged), tuple(unfinished), orphans, metadata_damage)
 
 
 def _state(store: Store, shard: int) -> str:

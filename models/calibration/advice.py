@@ -90,11 +90,11 @@ class Advice(Pictured):
         return f"Advice({self.rows[-1].name}: worst error {self.rows[-1].worst:.2g})"
 
     def _facts(self) -> Mapping[str, object]:
-        found: dict[str, object] = {}
+        facts: dict[str, object] = {}
         for row in (*self.rows, *self.additions):
-            found[row.name] = ", ".join(f"{WORDS[name]} ± {error:.3f}" for name, error in row.errors.items())
-        found["not determined"] = "; ".join(self.rows[-1].degenerate) or "nothing"
-        return found
+            facts[row.name] = ", ".join(f"{WORDS[name]} ± {error:.3f}" for name, error in row.errors.items())
+        facts["not determined"] = "; ".join(self.rows[-1].degenerate) or "nothing"
+        return facts
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Errors of the logarithms, set by set."""
@@ -176,10 +176,10 @@ def advise(
 
 
 def _numbers(slab: Slab) -> dict[str, float]:
-    found = {"thickness": slab.thickness, "mean_free_path": slab.mean_free_path,
-             "g": slab.scatterer.mean_cosine(), "albedo": slab.albedo}  # fmt: skip
+    numbers = {"thickness": slab.thickness, "mean_free_path": slab.mean_free_path,
+               "g": slab.scatterer.mean_cosine(), "albedo": slab.albedo}  # fmt: skip
     diffusion = getattr(slab.motion, "diffusion", None)
-    return found | ({"diffusion": diffusion} if diffusion else {})
+    return numbers | ({"diffusion": diffusion} if diffusion else {})
 
 
 def _place(owner: str, unknowns: Unknowns, numbers: Mapping[str, float]) -> np.ndarray:
@@ -197,9 +197,9 @@ def _place(owner: str, unknowns: Unknowns, numbers: Mapping[str, float]) -> np.n
 def _expected(
     unknowns: Unknowns, at: np.ndarray, wavelength: float, instruments: Sequence[Observation]
 ) -> Expected:  # fmt: skip
-    found = predict(instruments, wavelength, unknowns.slabs(at)[None], unknowns.moved)
+    prediction = predict(instruments, wavelength, unknowns.slabs(at)[None], unknowns.moved)
     errors = np.concatenate([each.errors for each in instruments])
-    covariance = covariance_of((found.slopes[0] @ unknowns.matrix) / errors[:, None])
+    covariance = covariance_of((prediction.slopes[0] @ unknowns.matrix) / errors[:, None])
     return Expected(tuple(instruments), standard_errors(unknowns, covariance), degeneracies(unknowns, covariance))
 
 
@@ -217,20 +217,20 @@ def _usual(x: np.ndarray, wavelength: float, moving: bool) -> tuple[Observation,
     half = _crossing(tilts, curve, (1 + curve[-1]) / 2)
     light = seen(Transmittance(None, 1.0))
     memory = MemoryCurve(half * np.arange(1, _POINTS + 1) * 3 / _POINTS, None, _ERROR)
-    found: list[Observation] = [memory, Transmittance(None, _RELATIVE * float(light[0]))]
+    instruments: list[Observation] = [memory, Transmittance(None, _RELATIVE * float(light[0]))]
     if not predict([ContrastVersusBandwidth([1.0], None, 1.0)], wavelength, x[None], ()).inside[0]:
-        return tuple(found)
+        return tuple(instruments)
     widths = scan / thickness
     contrast = seen(ContrastVersusBandwidth(widths, None, 1.0))
     three = [_crossing(widths, contrast, level) for level in (0.8, 0.5, 0.25)]
     rising = np.unique(three)
-    found.append(ContrastVersusBandwidth(rising, None, _ERROR))
+    instruments.append(ContrastVersusBandwidth(rising, None, _ERROR))
     if moving:
         lags = scan * (wavelength / (2 * np.pi)) ** 2 / float(np.exp(x[4]))
         decay = seen(TemporalCurve(lags, None, 1.0))
         half_time = _crossing(lags, decay, (1 + decay[0]) / 2)
-        found.append(TemporalCurve(half_time * np.arange(1, _POINTS + 1) * 3 / _POINTS, None, _ERROR))
-    return tuple(found)
+        instruments.append(TemporalCurve(half_time * np.arange(1, _POINTS + 1) * 3 / _POINTS, None, _ERROR))
+    return tuple(instruments)
 
 
 def _crossing(at: np.ndarray, falling: np.ndarray, level: float) -> float:

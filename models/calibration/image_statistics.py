@@ -39,7 +39,7 @@ def statistics(
     light = samples / level
     spread = np.sqrt(np.maximum(light.var(axis=(2, 3), keepdims=True), _TINY))
     standard = (light - 1) / spread
-    found = {
+    groups = {
         "contrast": np.log(spread[..., 0, 0]).mean(axis=1, keepdims=True),
         "grain": _grain(standard, grain),
         "spectrum": _spectrum(standard, grain),
@@ -48,8 +48,8 @@ def statistics(
         "envelope": _envelope(light.mean(axis=1), fitted),
     }
     if samples.shape[1] > 1:
-        found |= _between(standard, grain, moves or dict.fromkeys(_steps(samples.shape[1]), (0, 0)))
-    return found
+        groups |= _between(standard, grain, moves or dict.fromkeys(_steps(samples.shape[1]), (0, 0)))
+    return groups
 
 
 def _lags(grain: float, shares: Sequence[float], most: int) -> list[int]:
@@ -89,13 +89,13 @@ def _third(standard: np.ndarray, grain: float) -> np.ndarray:
     """Third-order correlations: x^2(r) x(r + d), and of three points at right angles."""
     most = min(standard.shape[2:]) // 2
     square = np.square(standard)
-    found = []
+    moments = []
     for lag in _lags(grain, (0.5, 1.0), most):
-        found.append((square[..., lag:] * standard[..., :-lag]).mean(axis=(1, 2, 3)))
-        found.append((square[..., lag:, :] * standard[..., :-lag, :]).mean(axis=(1, 2, 3)))
+        moments.append((square[..., lag:] * standard[..., :-lag]).mean(axis=(1, 2, 3)))
+        moments.append((square[..., lag:, :] * standard[..., :-lag, :]).mean(axis=(1, 2, 3)))
         corner = standard[..., lag:, lag:] * standard[..., :-lag, lag:] * standard[..., lag:, :-lag]
-        found.append(corner.mean(axis=(1, 2, 3)))
-    return np.stack(found, axis=1)
+        moments.append(corner.mean(axis=(1, 2, 3)))
+    return np.stack(moments, axis=1)
 
 
 def _envelope(light: np.ndarray, fitted: int) -> np.ndarray:
@@ -122,14 +122,14 @@ def movements(samples: np.ndarray) -> dict[int, tuple[int, int]]:
     waves = np.fft.rfft2(light, grid)
     seen = np.fft.rfft2(np.ones((height, width)), grid)
     overlap = np.rint(np.fft.irfft2(np.square(np.abs(seen)), grid))
-    found = {}
+    shifts = {}
     for step in _steps(frames):
         power = (np.conj(waves[:, :-step]) * waves[:, step:]).mean(axis=(0, 1))
         alike = np.where(overlap >= height * width / 4, np.fft.irfft2(power, grid) / np.maximum(overlap, 1), -np.inf)
         down, across = np.unravel_index(int(np.argmax(alike)), alike.shape)
-        found[step] = (int((down + grid[0] // 2) % grid[0]) - grid[0] // 2,
-                       int((across + grid[1] // 2) % grid[1]) - grid[1] // 2)  # fmt: skip
-    return found
+        shifts[step] = (int((down + grid[0] // 2) % grid[0]) - grid[0] // 2,
+                        int((across + grid[1] // 2) % grid[1]) - grid[1] // 2)  # fmt: skip
+    return shifts
 
 
 def _steps(frames: int) -> list[int]:
@@ -142,14 +142,14 @@ def _between(standard: np.ndarray, grain: float, moves: Mapping[int, tuple[int, 
     Of the correlation the logarithm of what it falls short of 1: where that is little, it differs from range to range
     by as large a factor as elsewhere, and scatters no more.
     """
-    found = [_short_of_one(standard, step, *moves[step]) for step in _steps(standard.shape[1])]
+    correlations = [_short_of_one(standard, step, *moves[step]) for step in _steps(standard.shape[1])]
     lag = max(1, round(grain / 2))
     down, across = moves[1]
     beside = [
         _alike(standard, 1, down, across + lag) - _alike(standard, 1, down, across - lag),
         _alike(standard, 1, down + lag, across) - _alike(standard, 1, down - lag, across),
     ]
-    return {"C_I": np.stack(found, axis=1), "displacement": np.stack(beside, axis=1)}
+    return {"C_I": np.stack(correlations, axis=1), "displacement": np.stack(beside, axis=1)}
 
 
 def _short_of_one(standard: np.ndarray, step: int, down: int, across: int) -> np.ndarray:

@@ -84,9 +84,9 @@ def minimize(
         trial = at[some] + _steps(at[some], residual[some], slope[some], damping[some], mine, low, high)
         trial = settled(np.clip(trial, low, high), mine)
         inside = _inside(trial, low, high)
-        found, turned = model(np.where(inside[:, None], trial, at[some]))
-        found = found - moved[some]
-        new = np.where(inside, np.square(found).sum(-1), np.inf)
+        misfit, turned = model(np.where(inside[:, None], trial, at[some]))
+        misfit = misfit - moved[some]
+        new = np.where(inside, np.square(misfit).sum(-1), np.inf)
         better = new < cost[some]
         gain = cost[some] - new
         # A small gain says that the minimum is near only of a step that damping did not shorten.
@@ -96,7 +96,7 @@ def minimize(
         damping[some] = np.where(better, damping[some] / 10, damping[some] * 10)
         taken = some[better]
         at[taken], cost[taken] = trial[better], new[better]
-        residual[taken], slope[taken] = found[better], turned[better]
+        residual[taken], slope[taken] = misfit[better], turned[better]
         going[some[done]] = False
     return Minimum(at, cost)
 

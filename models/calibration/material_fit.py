@@ -111,9 +111,9 @@ class Problem:
 
     def model(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (model less data), made independent, and their derivatives, at unknowns float64[B, n]."""
-        found = predict(self.observations, self.wavelength, self.unknowns.slabs(at), self.unknowns.moved)
-        residual = np.where(found.inside[:, None], (found.values - self.values) @ self.whitening.T, np.inf)
-        slopes = self.whitening @ (found.slopes @ self.unknowns.matrix)
+        prediction = predict(self.observations, self.wavelength, self.unknowns.slabs(at), self.unknowns.moved)
+        residual = np.where(prediction.inside[:, None], (prediction.values - self.values) @ self.whitening.T, np.inf)
+        slopes = self.whitening @ (prediction.slopes @ self.unknowns.matrix)
         return np.nan_to_num(residual, posinf=1e150), np.nan_to_num(slopes)
 
 
@@ -286,8 +286,8 @@ class MaterialFit(Pictured):
         count = min(len(tilts[0]), 16) if tilts else 5
         step = largest / max(count - 1, 1) or 0.1 * self.problem.wavelength / slab.thickness
         bounds = self.interval(0.95)
-        told = "".join(f"# {key}: {self.values[key]:.5g}, 95 %: {low:.5g} to {high:.5g}\n"
-                       for key, (low, high) in bounds.items())  # fmt: skip
+        comments = "".join(f"# {key}: {self.values[key]:.5g}, 95 %: {low:.5g} to {high:.5g}\n"
+                           for key, (low, high) in bounds.items())  # fmt: skip
         doubts = "".join(f"# {each}\n" for each in (*self.degenerate, *self.doubts))
         table = {
             "inherits": "tilt-stack", "name": name,
@@ -300,16 +300,16 @@ class MaterialFit(Pictured):
             "tilts": {"count": count, "step": step},
         }  # fmt: skip
         heading = f"# chi squared {self.chi_squared:.4g} of {self.degrees} degrees of freedom\n"
-        return heading + told + doubts + tomli_w.dumps(table)
+        return heading + comments + doubts + tomli_w.dumps(table)
 
     def _facts(self) -> Mapping[str, object]:
-        found: dict[str, object] = {}
+        facts: dict[str, object] = {}
         for name, (low, high) in self.interval(0.95).items():
-            found[name] = f"{self.values[name]:.4g} (95 %: {low:.4g} to {high:.4g})"
-        found["χ²"] = f"{self.chi_squared:.4g} of {self.degrees} (p = {self.p_value:.2g})"
-        found["not determined"] = "; ".join(self.degenerate) or "nothing"
-        found["doubts"] = "; ".join(self.doubts) or "none"
-        return found
+            facts[name] = f"{self.values[name]:.4g} (95 %: {low:.4g} to {high:.4g})"
+        facts["χ²"] = f"{self.chi_squared:.4g} of {self.degrees} (p = {self.p_value:.2g})"
+        facts["not determined"] = "; ".join(self.degenerate) or "nothing"
+        facts["doubts"] = "; ".join(self.doubts) or "none"
+        return facts
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Residuals in standard errors, one observation behind the other."""
@@ -385,11 +385,11 @@ def fit_material(
         reject(f"{owner} observations", f"at least {len(unknowns.free)} values, as many as there are free numbers",
                len(problem.values), "Measure more, or name fewer in free.")  # fmt: skip
     starts = _starts(problem)
-    found = minimize(problem.model, starts, unknowns.low, unknowns.high, nothing_held(len(starts), starts.shape[1]))
-    best = int(np.argmin(found.cost))
-    if not np.isfinite(found.cost[best]):
+    minimum = minimize(problem.model, starts, unknowns.low, unknowns.high, nothing_held(len(starts), starts.shape[1]))
+    best = int(np.argmin(minimum.cost))
+    if not np.isfinite(minimum.cost[best]):
         reject(f"{owner} observations", "such that a slab of the tables could show them", seen)
-    fit = _fit_at(problem, found.at[best], float(found.cost[best]))
+    fit = _fit_at(problem, minimum.at[best], float(minimum.cost[best]))
     if fit.p_value < _DOUBTFUL:
         _require_correlation(owner, problem)
     return fit
@@ -436,11 +436,11 @@ def degeneracies(unknowns: Unknowns, covariance: np.ndarray) -> tuple[str, ...]:
 
 def standard_errors(unknowns: Unknowns, covariance: np.ndarray) -> dict[str, float]:
     """Standard errors of the logarithms of all combinations that are not known, by name."""
-    found = {}
+    errors = {}
     for name in unknowns.names():
         weights = unknowns.weights(name)
-        found[name] = float(np.sqrt(max(weights @ covariance @ weights, 0.0)))  # type: ignore[operator]
-    return found
+        errors[name] = float(np.sqrt(max(weights @ covariance @ weights, 0.0)))  # type: ignore[operator]
+    return errors
 
 
 def slab_of(x: np.ndarray) -> Slab:
@@ -500,16 +500,16 @@ def _starts(problem: Problem) -> np.ndarray:
         if scales:
             tried[:, :, unknowns.free.index(name)] = steps
         slabs = unknowns.slabs(tried.reshape(-1, grid.shape[1]))
-        found = np.zeros(len(slabs))
+        squares = np.zeros(len(slabs))
         for each in some:
             few = np.unique(np.linspace(0, len(each.values) - 1, _SCAN).astype(int))
             value = predict([each], problem.wavelength, slabs, ())
             miss = (value.values - each.values)[:, few] / each.errors[few]
-            found += np.where(value.inside, np.square(miss).sum(-1), np.inf)
-        found = found.reshape(len(grid), len(steps))
-        total += found.min(axis=1)
+            squares += np.where(value.inside, np.square(miss).sum(-1), np.inf)
+        squares = squares.reshape(len(grid), len(steps))
+        total += squares.min(axis=1)
         if scales:
-            chosen[:, unknowns.free.index(name)] = steps[np.argmin(found, axis=1)]
+            chosen[:, unknowns.free.index(name)] = steps[np.argmin(squares, axis=1)]
     order = np.argsort(np.nan_to_num(total, nan=np.inf))[: _STARTS * 3]
     return chosen[order[: _STARTS // 2].tolist() + order[_STARTS // 2 :: 5].tolist()]
 
@@ -600,11 +600,11 @@ def _profile_intervals(fit: MaterialFit, rises: np.ndarray) -> dict[str, Interva
     outer_rise = np.full(len(side), np.inf)
     step = goals * np.minimum(spread, 1.0 / goals)
     at = np.repeat(fit.at[None], len(side), axis=0)
-    found = np.full(len(side), np.nan)
+    crossing = np.full(len(side), np.nan)
     most = np.abs(end - middle)
     step = np.minimum(step, most)
     for _ in range(24):
-        some = np.flatnonzero(np.isnan(found))
+        some = np.flatnonzero(np.isnan(crossing))
         if not len(some):
             break
         minimum = _held(fit, weights[some], middle[some] + side[some] * step[some], at[some])
@@ -616,9 +616,9 @@ def _profile_intervals(fit: MaterialFit, rises: np.ndarray) -> dict[str, Interva
             else:
                 outer[b], outer_rise[b] = s, r
             if abs(r - goal) < _CLOSE:
-                found[b] = s
+                crossing[b] = s
             elif r <= goal and s >= most[b] * (1 - 1e-9):
-                found[b] = np.inf
+                crossing[b] = np.inf
             elif not np.isfinite(outer[b]):
                 step[b] = min(most[b], s * min(max(1.05 * goal / max(r, 1e-9), 1.2), 3.0))
             elif not np.isfinite(outer_rise[b]) or outer_rise[b] > 1e3:
@@ -627,9 +627,9 @@ def _profile_intervals(fit: MaterialFit, rises: np.ndarray) -> dict[str, Interva
                 share = (goal - inner_rise[b]) / (outer_rise[b] - inner_rise[b])
                 step[b] = inner[b] + float(np.clip(share, 0.05, 0.95)) * (outer[b] - inner[b])
             if np.isfinite(outer[b]) and outer[b] - inner[b] < 1e-4 * spread[b]:
-                found[b] = outer[b]
-    found = np.where(np.isnan(found), np.where(np.isfinite(outer), outer, np.inf), found)
-    ends = middle + side * np.minimum(found, most)
+                crossing[b] = outer[b]
+    crossing = np.where(np.isnan(crossing), np.where(np.isfinite(outer), outer, np.inf), crossing)
+    ends = middle + side * np.minimum(crossing, most)
     base = COMBINATIONS
     result = {}
     for n, name in enumerate(names):

@@ -51,7 +51,7 @@ class PointSpeckle(NamedTuple):
         if self.pixel_integration:
             down, across = np.fft.fftfreq(grid[0]) * finer, np.fft.rfftfreq(grid[1]) * finer
             passed = np.sinc(down)[:, None] * np.sinc(across)
-        found = np.empty((count, *shape))
+        photographs = np.empty((count, *shape))
         for n in range(count):
             rng = np.random.default_rng([seed, n])
             rough = rng.normal(size=shape)
@@ -65,8 +65,8 @@ class PointSpeckle(NamedTuple):
             if passed is not None:
                 light = np.fft.irfft2(np.fft.rfft2(light) * passed, grid)
             seen = light[: finer * shape[0] : finer, : finer * shape[1] : finer]
-            found[n] = seen + np.sqrt(self.noise * np.maximum(seen, 0.0)) * rough
-        return found
+            photographs[n] = seen + np.sqrt(self.noise * np.maximum(seen, 0.0)) * rough
+        return photographs
 
 
 def _numbers(rng: np.random.Generator, lit: np.ndarray) -> np.ndarray:

@@ -123,17 +123,17 @@ class Tables:
             towards = torch.zeros_like(value, requires_grad=True)
             (back,) = torch.autograd.grad(value, at, towards, create_graph=True)
             (turned,) = torch.autograd.grad(back, towards, self.tangent)
-        found = value.detach()[:: self.each].numpy()
-        slopes = np.zeros((*found.shape, 5))
-        slopes[..., self.moved] = np.moveaxis(turned.numpy().reshape(len(found), self.each, -1), 1, 2)
-        return _Row(found, slopes)
+        values = value.detach()[:: self.each].numpy()
+        slopes = np.zeros((*values.shape, 5))
+        slopes[..., self.moved] = np.moveaxis(turned.numpy().reshape(len(values), self.each, -1), 1, 2)
+        return _Row(values, slopes)
 
     def distances(self) -> _Light:
         """Lateral distances of the light."""
 
         def both(depth: torch.Tensor, drop: torch.Tensor, albedo: torch.Tensor) -> torch.Tensor:
-            found = correlations(self.tables, torch.ones_like(depth), depth, 1 - drop, albedo, np.inf)
-            return torch.cat([found.radius, found.share], 1)
+            light = correlations(self.tables, torch.ones_like(depth), depth, 1 - drop, albedo, np.inf)
+            return torch.cat([light.radius, light.share], 1)
 
         row = self._found(both)
         half = row.value.shape[1] // 2

@@ -165,13 +165,13 @@ class SetupFit(Pictured):
             reject("SetupFit.interval level", "between 0 and 1, both excluded", level)
         wide = float(t.ppf((1 + level) / 2, self.tiles - _NUMBERS))
         spread = np.exp(wide * self.grain_error / self.grain)
-        found = {"grain": Interval(self.grain / spread, self.grain * spread)}
+        intervals = {"grain": Interval(self.grain / spread, self.grain * spread)}
         for name, value, error in (("contrast", self.contrast, self.contrast_error),
                                    ("noise", self.noise, self.noise_error)):  # fmt: skip
-            found[name] = Interval(max(value - wide * error, 0.0), value + wide * error)
+            intervals[name] = Interval(max(value - wide * error, 0.0), value + wide * error)
         if self.ranges is not None:
-            found["range"] = Interval(*self.ranges.interval(level))
-        return found
+            intervals["range"] = Interval(*self.ranges.interval(level))
+        return intervals
 
     def memory_effect(self, distance: np.ndarray) -> np.ndarray:
         """C_I at distances on the camera, pixels, as it was fitted to a target; 1 without one.
@@ -195,19 +195,19 @@ class SetupFit(Pictured):
 
     def _facts(self) -> Mapping[str, object]:
         bounds = self.interval()
-        found: dict[str, object] = {"iris": self.profile}
+        facts: dict[str, object] = {"iris": self.profile}
         for name, unit in (("grain", " pixels"), ("contrast", ""), ("noise", " of the mean light")):
             low, high = bounds[name]
-            found[name] = f"{getattr(self, name):.4g}{unit} (95 %: {low:.4g} to {high:.4g})"
+            facts[name] = f"{getattr(self, name):.4g}{unit} (95 %: {low:.4g} to {high:.4g})"
         if self.ranges is not None and self.range is not None:
-            found["range"] = f"{self.range:.3g} pixels (95 %: {self.ranges.told(0.95)})"
+            facts["range"] = f"{self.range:.3g} pixels (95 %: {self.ranges.told(0.95)})"
         order = self.measured.envelope_order
-        found["envelope"] = "left in or given" if order is None else f"order {order}"
-        found["other shapes"] = ", ".join(f"{name} {far:.1f} standard errors behind"
+        facts["envelope"] = "left in or given" if order is None else f"order {order}"
+        facts["other shapes"] = ", ".join(f"{name} {far:.1f} standard errors behind"
                                           for name, far in self.behind.items() if name != self.profile)  # fmt: skip
-        found["spectrum"] = f"p = {self.p_value:.2g}, {counted(self.tiles, 'tile')}"
-        found["doubts"] = "; ".join(self.doubts) or "none"
-        return found
+        facts["spectrum"] = f"p = {self.p_value:.2g}, {counted(self.tiles, 'tile')}"
+        facts["doubts"] = "; ".join(self.doubts) or "none"
+        return facts
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Mean power in rings of frequency, measured and fitted."""
@@ -385,14 +385,14 @@ def _alone(tiles: _Seen, profile: Profile, grain: float, pixel: bool) -> np.ndar
 def _alone_behind(tiles: _Seen, targets: list[Target], profile: Profile, grain: float, pixel: bool) -> np.ndarray:
     """The same float64[n, F] of a target behind media."""
     one, target = torch.ones(1, dtype=torch.float64), targets[0]
-    made = transforms(
+    transform = transforms(
         tiles.rows, tiles.columns, tiles.shape, target.shape, target.step * one, float(np.exp(grain)) * one,
         profile, pixel,
     )  # fmt: skip
-    found = made(torch.stack([each.lags for each in targets])[None])[0].numpy()[:, tiles.used]
+    spectra = transform(torch.stack([each.lags for each in targets])[None])[0].numpy()[:, tiles.used]
     if pixel:  # the likelihood's P is 1 at lag 0 for any pixel: here it is less, as a pixel averages grains
-        found = found * _kept(profile, float(np.exp(grain)))
-    return np.maximum(found, 1e-12)
+        spectra = spectra * _kept(profile, float(np.exp(grain)))
+    return np.maximum(spectra, 1e-12)
 
 
 def _kept(profile: Profile, grain: float) -> float:
@@ -490,10 +490,10 @@ def _falling(
             step[free] = np.linalg.lstsq(damped, both @ (power / best.spectrum - 1), rcond=1e-12)[0][: free.sum()]
             new = np.clip(at + step, low, high)
             there, *beyond = alone(new, _MOVES)
-            found = bright(new, there)
-            gain = len(tiles.power) * (best.cost - found.cost)
+            candidate = bright(new, there)
+            gain = len(tiles.power) * (best.cost - candidate.cost)
             if gain > 0:
-                at, here, beside, best = new, there, beyond, found
+                at, here, beside, best = new, there, beyond, candidate
                 damping = max(damping / 10, 1e-6)
                 break
             damping *= 10
@@ -511,8 +511,8 @@ def _fitted(tiles: _Seen, profile: Profile, guess: float, pixel: bool) -> _Fitte
     costs = [at(grain).cost for grain in scan]
     near = int(np.argmin(costs))
     ends = (scan[max(near - 1, 0)], scan[min(near + 1, len(scan) - 1)])
-    found = minimize_scalar(lambda grain: at(grain).cost, bounds=ends, method="bounded", options={"xatol": 1e-4})
-    return at(float(found.x))
+    minimum = minimize_scalar(lambda grain: at(grain).cost, bounds=ends, method="bounded", options={"xatol": 1e-4})
+    return at(float(minimum.x))
 
 
 def _behind(tiles: _Seen, best: _Fitted, other: _Fitted) -> float:

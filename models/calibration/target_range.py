@@ -85,11 +85,11 @@ class Target(NamedTuple):
     @property
     def half_width(self) -> float:
         """Camera pixels at which the autocorrelation has fallen to a half, over both axes; 0 of a point."""
-        found = []
+        widths = []
         for line in (self.bare[self.shape[0] - 1], self.bare[:, self.shape[1] - 1]):
             below = np.flatnonzero(line[len(line) // 2 :].numpy() < float(line[len(line) // 2]) / 2)
-            found.append(float(below[0]) if len(below) else len(line) / 2)
-        return self.step * float(np.mean(found)) if self.shape != (1, 1) else 0.0
+            widths.append(float(below[0]) if len(below) else len(line) / 2)
+        return self.step * float(np.mean(widths)) if self.shape != (1, 1) else 0.0
 
     def behind(self, reach: float, fall: Fall = GAUSSIAN) -> "Target":
         """The same, behind a medium of such a range, camera pixels; infinity leaves it as it is."""

@@ -145,13 +145,13 @@ class Twin(Pictured):
         return f"Twin({self.verdict})"
 
     def _facts(self) -> Mapping[str, object]:
-        found: dict[str, object] = {"verdict": self.verdict}
+        facts: dict[str, object] = {"verdict": self.verdict}
         for each in self.compared:
-            told = f"p = {each.p_value:.2g}, {each.measured:.3g} measured, {each.simulated:.3g} simulated"
-            found[each.name] = told + (f"; could be {each.cause}" if each in self.differs else "")
-        found["assumed"] = "; ".join(self.assumed) or "nothing"
-        found["doubts"] = "; ".join(self.doubts) or "none"
-        return found
+            text = f"p = {each.p_value:.2g}, {each.measured:.3g} measured, {each.simulated:.3g} simulated"
+            facts[each.name] = text + (f"; could be {each.cause}" if each in self.differs else "")
+        facts["assumed"] = "; ".join(self.assumed) or "nothing"
+        facts["doubts"] = "; ".join(self.doubts) or "none"
+        return facts
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Your image, and ten simulated ones, to one scale of grey."""
@@ -235,15 +235,15 @@ def twin(
         if any("one pattern" in doubt for doubt in setup.doubts):
             light = light.mean(axis=0, keepdims=True)
         drawn = _checked(setup.drawn)
-        made = drawn.draw(light.shape[1:], images, seed)
+        synthetic = drawn.draw(light.shape[1:], images, seed)
         moved = _slopes_of(drawn, light.shape[1:], order, seed + 1)
         measured, simulated = (
             _freed(statistics(each[:, None], drawn.grain, order), influence(each, drawn), moved)
-            for each in (light, made)
+            for each in (light, synthetic)
         )
-        told, assumed, doubts = _written(setup, light.shape[1:]), list(seen.assumed), list(setup.doubts)
+        toml, assumed, doubts = _written(setup, light.shape[1:]), list(seen.assumed), list(setup.doubts)
         assumed.append("the noise grows with the light, as that of photons")
-        shown = light[:1], made
+        shown = light[:1], synthetic
         count = len(light)
     else:
         setup = None
@@ -252,18 +252,18 @@ def twin(
         stacks, notes = _stacked(seen.images, frames, used.camera_shape)
         black = 0.0 if used.exposure is None else float(getattr(used.exposure, "offset", 0.0))
         batches = [range(first, min(first + 16, images)) for first in range(0, images, 16)]
-        made = np.concatenate([np.asarray(used.batch(seed, "train", list(batch))[key]) for batch in batches])
-        made = made.reshape(images, frames, *used.camera_shape).astype(np.float64) - black
-        both = np.concatenate([stacks, made])
+        synthetic = np.concatenate([np.asarray(used.batch(seed, "train", list(batch))[key]) for batch in batches])
+        synthetic = synthetic.reshape(images, frames, *used.camera_shape).astype(np.float64) - black
+        both = np.concatenate([stacks, synthetic])
         grain, moves = _grain_of(both), movements(both) if frames > 1 else None
-        measured, simulated = (statistics(each, grain, order, moves) for each in (stacks, made))
-        told, assumed, doubts = used.to_toml(), [*seen.assumed, *notes], list(seen.doubts)
-        shown = stacks[:1, 0], made[:, 0]
+        measured, simulated = (statistics(each, grain, order, moves) for each in (stacks, synthetic))
+        toml, assumed, doubts = used.to_toml(), [*seen.assumed, *notes], list(seen.doubts)
+        shown = stacks[:1, 0], synthetic[:, 0]
         count = len(stacks)
     p_value, compared = _judged(measured, simulated, seed)
     pictures = np.concatenate([shown[0], shown[1][:_SHOWN]])
     pictures = pictures / pictures.mean(axis=(1, 2), keepdims=True)
-    return Twin(p_value, compared, count, images, setup, told, tuple(assumed), tuple(doubts), pictures)
+    return Twin(p_value, compared, count, images, setup, toml, tuple(assumed), tuple(doubts), pictures)
 
 
 def _checked(drawn: PointSpeckle) -> PointSpeckle:
@@ -282,8 +282,8 @@ def _slopes_of(drawn: PointSpeckle, shape: tuple[int, int], order: int, seed: in
     )  # fmt: skip
 
     def means(setup: PointSpeckle) -> dict[str, np.ndarray]:
-        found = statistics(setup.draw(shape, _MOVES, seed)[:, None], drawn.grain, order)
-        return {name: each.mean(axis=0) for name, each in found.items()}
+        numbers = statistics(setup.draw(shape, _MOVES, seed)[:, None], drawn.grain, order)
+        return {name: each.mean(axis=0) for name, each in numbers.items()}
 
     here = means(drawn)
     there = [means(each) for each in moved]
@@ -358,7 +358,7 @@ def _judged(
     # Rank of every permutation within each group, the photographs' among them: p-values of all.
     chances = np.stack([1 - np.searchsorted(np.sort(each), each) / len(each) for each in distances.values()])
     least = chances.min(axis=0)
-    found = []
+    compared = []
     for name, own in zip(names, chances, strict=True):
         first, second = (each[name][:, 0].mean() for each in (measured, simulated))
         if name == "contrast":
@@ -369,8 +369,8 @@ def _judged(
         spread = distances[name][1:]
         excess = float((distances[name][0] - spread.mean()) / max(spread.std(), 1e-300))
         adjusted = float((least <= own[0] + 1e-12).mean())
-        found.append(Compared(name, adjusted, float(first), float(second), excess, cause))
-    order = sorted(found, key=lambda each: -each.excess)
+        compared.append(Compared(name, adjusted, float(first), float(second), excess, cause))
+    order = sorted(compared, key=lambda each: -each.excess)
     return float((least <= least[0] + 1e-12).mean()), tuple(order)
 
 

@@ -82,8 +82,8 @@ class Unknowns:
 
     def weights(self, name: str) -> np.ndarray | None:
         """Weights float64[n] of a combination of :data:`COMBINATIONS`; None where it is known."""
-        found = COMBINATIONS[name] @ self.matrix
-        return found if found.any() else None
+        weights = COMBINATIONS[name] @ self.matrix
+        return weights if weights.any() else None
 
     def names(self) -> list[str]:
         """Combinations that are not known: the free numbers first, what follows from them behind."""

@@ -60,10 +60,10 @@ class Classification(NamedTuple):
         lines += ["|---" * 4 + "|"]
         wrong = self.confusion - np.diag(np.diag(self.confusion))
         for place in np.argsort(-wrong, axis=None, kind="stable")[:_WORST]:
-            true, told = np.unravel_index(place, wrong.shape)
-            if wrong[true, told]:
-                times, of = wrong[true, told], (self.labels == true).sum()
-                lines.append(f"| {CHARACTERS[true]} | {CHARACTERS[told]} | {times} | {of} |")
+            true, predicted = np.unravel_index(place, wrong.shape)
+            if wrong[true, predicted]:
+                times, of = wrong[true, predicted], (self.labels == true).sum()
+                lines.append(f"| {CHARACTERS[true]} | {CHARACTERS[predicted]} | {times} | {of} |")
         return "\n".join(lines) + "\n"
 
     def write(self, folder: Path) -> None:
@@ -116,14 +116,14 @@ class Regression(NamedTuple):
         variance = weights @ np.square(self.true) - np.square(weights @ self.true)
         low, high = np.quantile(1 - weights @ square / variance, [0.025, 0.975], axis=0)
         mean = 1 - square.mean(0) / self.true.var(0)
-        found = zip(self.names, mean, low, high, strict=True)
-        return {name: Interval(*map(float, numbers)) for name, *numbers in found}
+        intervals = zip(self.names, mean, low, high, strict=True)
+        return {name: Interval(*map(float, numbers)) for name, *numbers in intervals}
 
     def rows(self) -> list[dict[str, Any]]:
         """R^2 of each number, of everybody where others stand beside the network."""
         return [
-            ({"method": method} if self.beside else {}) | {"number": name, **found._asdict()}
-            for method, told in self.methods.items() for name, found in self.determination(told=told).items()
+            ({"method": method} if self.beside else {}) | {"number": name, **interval._asdict()}
+            for method, answer in self.methods.items() for name, interval in self.determination(told=answer).items()
         ]  # fmt: skip
 
     def markdown(self) -> str:
@@ -132,19 +132,19 @@ class Regression(NamedTuple):
                  "mean of all media scores 0.", ""]  # fmt: skip
         first, bar = ("| method ", "|---") if self.beside else ("", "")
         lines += [f"{first}| number | R^2 | root mean square error |", f"{bar}{'|---' * 3}|"]
-        for method, told in self.methods.items():
-            errors = np.sqrt(np.square(told - self.true).mean(0))
-            for (name, found), error in zip(self.determination(told=told).items(), errors, strict=True):
+        for method, answer in self.methods.items():
+            errors = np.sqrt(np.square(answer - self.true).mean(0))
+            for (name, interval), error in zip(self.determination(told=answer).items(), errors, strict=True):
                 label = f"log10 {name}" if self.names[name].logarithm else name
                 who = f"| {cell(method)} " if self.beside else ""
-                lines.append("{}| {} | {:.3f} [{:.3f}, {:.3f}] | {:.3f} |".format(who, label, *found, error))
+                lines.append("{}| {} | {:.3f} [{:.3f}, {:.3f}] | {:.3f} |".format(who, label, *interval, error))
         return "\n".join(lines) + "\n"
 
     def write(self, folder: Path) -> None:
         """Write summary.md, and every stack as stacks.csv."""
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "summary.md").write_text(self.markdown())
-        columns = {"told": self.told, **{f"by {name}": told for name, told in self.beside.items()}, "true": self.true}
+        columns = {"told": self.told, **{f"by {name}": rows for name, rows in self.beside.items()}, "true": self.true}
         with (folder / "stacks.csv").open("w", newline="") as file:
             table = csv.writer(file)
             table.writerow(["stack", "medium", *(csv_cell(f"{name} {who}") for who in columns for name in self.names)])
@@ -161,17 +161,17 @@ def judge(
 
     ``beside`` are other methods by their names, functions of a batch to the numbers float64[B, K].
     """
-    told, true, media = [], [], []
+    batch_answers, true, media = [], [], []
     others: dict[str, list[np.ndarray]] = {name: [] for name in beside}
     for batch in batches:
-        told.append(model.tell(batch))
+        batch_answers.append(model.tell(batch))
         true.append(TARGETS[model.target].values(batch))
         media.append(batch["parameters"]["medium"].long())
         for name, method in beside.items():
             others[name].append(method(batch))
-    made, rows, where = torch.cat(told).double().numpy(), torch.cat(true), torch.cat(media).numpy()
+    predicted, rows, where = torch.cat(batch_answers).double().numpy(), torch.cat(true), torch.cat(media).numpy()
     if model.target == "label":
-        return Classification(made, rows[:, 0].argmax(-1).numpy(), where)
+        return Classification(predicted, rows[:, 0].argmax(-1).numpy(), where)
     names = TARGETS[model.target].numbers
     answers = {name: np.concatenate(parts) for name, parts in others.items()}
-    return Regression(made, in_units(rows.double(), names).numpy(), where, names, answers)
+    return Regression(predicted, in_units(rows.double(), names).numpy(), where, names, answers)

@@ -96,7 +96,7 @@ def katz(
         if settings.extent is None:
             settings = settings.replace(extent=max(batch["object"].shape[-2:]))
         seen = seen_lags(batch, "unknown" if recipe is None else recipe.exposure or "none")
-        made = []
+        images = []
         for n, grains in enumerate(seen.grain.tolist()):
             lags = seen.lags[n : n + 1]
             if recipe is not None and division != "none":
@@ -107,8 +107,8 @@ def katz(
                 chosen = choice(lags, c_i, seen.variance[n : n + 1], **about)[0] if division == "expected" else division
                 lags = lags * weights(lags, c_i, seen.variance[n : n + 1], guess=chosen, **about)
             transfer = transfer_function(FRAME, grains, _profile(recipe)) if apodise else None
-            made.append(retrieve(lags, settings, transfer=transfer, seed=seed).image)
-        return torch.cat(made)
+            images.append(retrieve(lags, settings, transfer=transfer, seed=seed).image)
+        return torch.cat(images)
 
     return method
 

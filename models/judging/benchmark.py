@@ -136,10 +136,10 @@ class Results(Pictured):
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Score of every function on every task, with its interval."""
         for number, function in enumerate(self.functions):
-            found = np.array([self.interval(function, name) for name in self.evaluations]).T
+            intervals = np.array([self.interval(function, name) for name in self.evaluations]).T
             at = np.arange(len(self.evaluations)) + 0.12 * (number - (len(self.functions) - 1) / 2)
-            bars = np.abs(found[1:] - found[0])
-            axes.errorbar(found[0], at, xerr=bars, fmt="o", ms=4, lw=1, label=function)
+            bars = np.abs(intervals[1:] - intervals[0])
+            axes.errorbar(intervals[0], at, xerr=bars, fmt="o", ms=4, lw=1, label=function)
         axes.set_yticks(np.arange(len(self.evaluations)), list(self.evaluations))
         axes.invert_yaxis()
         axes.set(xlabel="Pearson correlation", title=label or "")
@@ -167,7 +167,7 @@ class Results(Pictured):
         """One row for each task, function, target and score, with version and fingerprint."""
         return [
             {"version": VERSION, "task": name, "fingerprint": task(name).fingerprint, **row}
-            for name, found in self.evaluations.items() for row in found.rows()
+            for name, evaluation in self.evaluations.items() for row in evaluation.rows()
         ]  # fmt: skip
 
     def markdown(self) -> str:
@@ -266,10 +266,10 @@ def benchmark(
     failures: list[Failure] = []
     answers: dict[tuple[str, str], list[np.ndarray]] = {}
     for number, (name, recipe) in enumerate(recipes.items()):
-        made = own | {each: BASELINES[each](recipe) for each in beside}
+        methods = own | {each: BASELINES[each](recipe) for each in beside}
         with ExitStack() as stack:
             asked = {}
-            for each, function in made.items():
+            for each, function in methods.items():
                 run = _here(function) if limits is None else Isolated(function, _checked, limits)
                 if isinstance(run, Isolated):
                     stack.callback(run.close)
@@ -293,18 +293,18 @@ def _asked(
     """Ask a function about a blinded batch, keep what it says, and see that nothing else has changed."""
 
     def method(batch: Batch) -> Tensor:
-        told = blinded(batch, recipe)
-        before = content_digest(arrays_of(batch), arrays_of(told))
+        blind = blinded(batch, recipe)
+        before = content_digest(arrays_of(batch), arrays_of(blind))
         try:
-            made = run(told)
+            answer = run(blind)
         except Failed as why:
             first = int(batch["index"][0])
             failures.append(Failure(task, name, first, len(batch["object"]), str(why)))
-            made = torch.zeros_like(told["object"])
-        if content_digest(arrays_of(batch), arrays_of(told)) != before:
+            answer = torch.zeros_like(blind["object"])
+        if content_digest(arrays_of(batch), arrays_of(blind)) != before:
             reject(f"benchmark function {name!r}", "one that leaves the images of others alone", f"changed in {task!r}")
-        answers.append(made.numpy())
-        return made
+        answers.append(answer.numpy())
+        return answer
 
     return method
 

@@ -43,10 +43,10 @@ def methods_beside(
         The packaged one, left out where objects are larger than it shows.
     """
     settings = Retrieval(restarts=RESTARTS)
-    found = {"phase retrieval": baselines.katz(settings, recipe=recipe, seed=seed)}
+    methods = {"phase retrieval": baselines.katz(settings, recipe=recipe, seed=seed)}
     if recipe is not None and solver is not None and max(recipe.objects.shape) <= EXTENT:
-        found["packaged solver"] = baselines.any_object(solver, recipe, seed)
-    return found
+        methods["packaged solver"] = baselines.any_object(solver, recipe, seed)
+    return methods
 
 
 class Beside:
@@ -97,7 +97,7 @@ class Beside:
         network = self.untrained if trained is None else trained
         if network.target == "object":
             return self._objects(trained)
-        asked: dict[str, Callable[[Batch], np.ndarray]] = {name: _recalled(told) for name, told in self.answers.items()}
+        asked: dict[str, Callable[[Batch], np.ndarray]] = {name: _recalled(rows) for name, rows in self.answers.items()}
         if trained is not None and network.target != "label":
             asked[self.called] = lambda batch: self.untrained.tell(batch).double().cpu().numpy()
         text = (judge_maps if network.target == "contrast" else judge)(network, self.batches, asked).markdown()

@@ -48,10 +48,10 @@ def contact_sheet(
         axis = axes[:, column]
         _show(axis[0], case.image, low=0, high=float(np.percentile(case.image, 99.5)))
         for row, name in enumerate(methods, 1):
-            made = case.reconstructions[name]
+            image = case.reconstructions[name]
             note = notes[name][column] if name in notes else Note("")
-            said = f"{case.scores[name]:.2f}  {note.text}".strip()
-            _show(axis[row], made, said, low=min(0.0, float(made.min())), high=max(float(made.max()), 1e-6))
+            title = f"{case.scores[name]:.2f}  {note.text}".strip()
+            _show(axis[row], image, title, low=min(0.0, float(image.min())), high=max(float(image.max()), 1e-6))
             if note.wrong:
                 _frame(axis[row], "tab:red")
         _show(axis[-1], case.object, low=0, high=1)

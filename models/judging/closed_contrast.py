@@ -71,9 +71,9 @@ def closed_contrast(recipe: ContrastMap, seed: int = 0, media: int = KNOWN) -> d
         return lambda batch: _pixels(_modelled(window_contrast_squared(batch, recipe, side), recipe), batch)
 
     def best(method: Callable[[int], Maps]) -> Maps:
-        made = [method(side) for side in WINDOWS]
-        errors = [sum(float(np.square(one(b) - b["target"].double().numpy()).mean()) for b in known) for one in made]
-        return made[int(np.argmin(errors))]
+        maps = [method(side) for side in WINDOWS]
+        errors = [sum(float(np.square(one(b) - b["target"].double().numpy()).mean()) for b in known) for one in maps]
+        return maps[int(np.argmin(errors))]
 
     return {"sliding window": best(windowed), "closed inversion": best(fitted)}
 
@@ -83,8 +83,8 @@ def _modelled(squared: Tensor, recipe: ContrastMap) -> Tensor:
     durations, beta = recipe.exposures.durations, 1 / recipe.light.halves
     if len(durations) == 1:
         return squared
-    found = multi_exposure_fit(squared.movedim(1, -1).numpy(), durations, beta=beta)
-    rho, time = found.dynamic_share, found.correlation_time
+    fit = multi_exposure_fit(squared.movedim(1, -1).numpy(), durations, beta=beta)
+    rho, time = fit.dynamic_share, fit.correlation_time
     once, twice = (np.stack([exponential_contrast_squared(n * t, time) for t in durations], 1) for n in (0.5, 1.0))
     rho = rho[:, None]
     return torch.from_numpy(beta * (rho**2 * twice + 2 * rho * (1 - rho) * once + (1 - rho) ** 2))

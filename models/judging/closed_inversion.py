@@ -37,10 +37,10 @@ def closed_inversion(recipe: ExposureStack, seed: int = 0, media: int = KNOWN) -
 
     def fitted(batch: Batch) -> np.ndarray:
         squared = shared_contrast(batch, recipe.exposure or "none").diagonal(dim1=-2, dim2=-1).numpy()
-        found = multi_exposure_fit(squared, recipe.exposures.durations, beta=1 / recipe.light.halves)
-        return np.stack([np.log10(found.correlation_time), 1 - found.dynamic_share], axis=-1)
+        fit = multi_exposure_fit(squared, recipe.exposures.durations, beta=1 / recipe.light.halves)
+        return np.stack([np.log10(fit.correlation_time), 1 - fit.dynamic_share], axis=-1)
 
     known = [(fitted(batch), batch["target"].double().numpy()) for batch in batches_of(recipe, media, seed, "train")]
-    told, true = (np.concatenate(each) for each in zip(*known, strict=True))
-    shift = np.array([np.median(true[:, 0] - told[:, 0]), 0.0])
+    predicted, true = (np.concatenate(each) for each in zip(*known, strict=True))
+    shift = np.array([np.median(true[:, 0] - predicted[:, 0]), 0.0])
     return lambda batch: fitted(batch) + shift

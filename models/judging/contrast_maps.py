@@ -49,8 +49,8 @@ class MapScores(NamedTuple):
     def rows(self) -> list[dict[str, Any]]:
         """R^2 of each exposure by everybody."""
         return [
-            {"method": method, "exposure": n, **found._asdict()}
-            for method in self.errors for n, found in enumerate(self.determination(method))
+            {"method": method, "exposure": n, **interval._asdict()}
+            for method in self.errors for n, interval in enumerate(self.determination(method))
         ]  # fmt: skip
 
     def markdown(self) -> str:
@@ -60,8 +60,8 @@ class MapScores(NamedTuple):
         lines += ["| method | exposure | R^2 | root mean square error |", "|---" * 4 + "|"]
         for method, errors in self.errors.items():
             roots = np.sqrt(errors.mean(0))
-            for n, (found, error) in enumerate(zip(self.determination(method), roots, strict=True)):
-                lines.append("| {} | {} | {:.3f} [{:.3f}, {:.3f}] | {:.4f} |".format(cell(method), n, *found, error))
+            for n, (interval, error) in enumerate(zip(self.determination(method), roots, strict=True)):
+                lines.append("| {} | {} | {:.3f} [{:.3f}, {:.3f}] | {:.4f} |".format(cell(method), n, *interval, error))
         return "\n".join(lines) + "\n"
 
     def write(self, folder: Path) -> None:
@@ -92,5 +92,5 @@ def judge_maps(
         mean.append(true.mean((-2, -1)))
         square.append(np.square(true).mean((-2, -1)))
         media.append(batch["parameters"]["medium"].long().numpy())
-    found = {name: np.concatenate(parts) for name, parts in errors.items()}
-    return MapScores(found, *(np.concatenate(parts) for parts in (mean, square, media)))
+    joined = {name: np.concatenate(parts) for name, parts in errors.items()}
+    return MapScores(joined, *(np.concatenate(parts) for parts in (mean, square, media)))

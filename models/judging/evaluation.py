@@ -105,29 +105,29 @@ class Evaluation(Pictured, Labelled):
         methods = list(self.values)
         targets, scores = ([*dict.fromkeys(x)] for x in (
             (target for each in self.values.values() for target in each),
-            (score for each in self.values.values() for found in each.values() for score in found),
+            (score for each in self.values.values() for by_score in each.values() for score in by_score),
         ))  # fmt: skip
         axes, shape = ("method", "target", "score", "image"), (len(methods), len(targets), len(scores), len(self.media))
         values = np.full(shape, np.nan)
         for m, t, s in np.ndindex(shape[:3]):
-            found = self.values[methods[m]].get(targets[t], {}).get(scores[s])
-            if found is not None:
-                values[m, t, s] = found
+            row = self.values[methods[m]].get(targets[t], {}).get(scores[s])
+            if row is not None:
+                values[m, t, s] = row
         identified = np.array([self.identified[method] for method in methods if method in self.identified])
         known = {"media": self.media, "labels": self.labels, "extents": self.extents, "families": self.families}
         named = {"method": methods, "target": targets, "score": scores}
         return (
             {name: Labels((name,), np.array(words), coordinate=True) for name, words in named.items()}
-            | {name: Labels(("image",), found, coordinate=True) for name, found in known.items()}
+            | {name: Labels(("image",), column, coordinate=True) for name, column in known.items()}
             | {"values": Labels(axes, values)}
             | ({"identified": Labels(("method", "image"), identified)} if len(identified) == len(methods) else {})
         )
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Mean Pearson correlation of every method to the sharp object, with its interval."""
-        found = np.array([self.interval(method) for method in self.values]).T
+        intervals = np.array([self.interval(method) for method in self.values]).T
         at = np.arange(len(self.values))
-        axes.errorbar(found[0], at, xerr=np.abs(found[1:] - found[0]), fmt="o", ms=4, lw=1)
+        axes.errorbar(intervals[0], at, xerr=np.abs(intervals[1:] - intervals[0]), fmt="o", ms=4, lw=1)
         axes.set_yticks(at, list(self.values))
         axes.invert_yaxis()
         axes.set(xlabel="Pearson correlation", title=label or "")
@@ -149,10 +149,10 @@ class Evaluation(Pictured, Labelled):
     def part(self, chosen: np.ndarray) -> "Evaluation":
         """Evaluation of some of the images, bool[n]."""
         values = {
-            method: {target: {name: found[chosen] for name, found in scores.items()} for target, scores in each.items()}
+            method: {target: {name: score[chosen] for name, score in scores.items()} for target, scores in each.items()}
             for method, each in self.values.items()
         }
-        identified = {method: found[chosen] for method, found in self.identified.items()}
+        identified = {method: right[chosen] for method, right in self.identified.items()}
         return Evaluation(
             values, self.media[chosen], self.labels[chosen], self.extents[chosen], self.families[chosen], identified
         )
@@ -172,7 +172,7 @@ class Evaluation(Pictured, Labelled):
         return [
             {"method": method, "target": target, "score": score, "images": len(self.media),
              "media": len(np.unique(self.media)), **self.interval(method, target, score)._asdict()}
-            for method, targets in self.values.items() for target, found in targets.items() for score in found
+            for method, targets in self.values.items() for target, by_score in targets.items() for score in by_score
         ]  # fmt: skip
 
     def markdown(self) -> str:
@@ -209,8 +209,8 @@ class Evaluation(Pictured, Labelled):
             plain = csv.writer(file)
             plain.writerow(["image", "medium", "label", "extent", "method", "target", *SCORES])
             for method, targets in self.values.items():
-                for target, found in targets.items():
-                    for n, scores in enumerate(zip(*found.values(), strict=True)):
+                for target, by_score in targets.items():
+                    for n, scores in enumerate(zip(*by_score.values(), strict=True)):
                         about = (n, self.media[n], self.labels[n], f"{self.extents[n]:.6g}")
                         plain.writerow([*about, csv_cell(method), target, *(f"{v:.6g}" for v in scores)])
 
@@ -269,7 +269,7 @@ def evaluate(
     values: dict[str, dict[str, dict[str, list[Tensor]]]] = {
         method: {target: {score: [] for score in SCORES} for target in TARGETS} for method in methods
     }
-    told: dict[str, list[Tensor]] = {name: [] for name in ("medium", "label", "extent_over_range", "family")}
+    parameters: dict[str, list[Tensor]] = {name: [] for name in ("medium", "label", "extent_over_range", "family")}
     answers: dict[str, list[Tensor]] = {method: [] for method in methods}
     objects: list[Tensor] = []
     cases: list[Case] = []
@@ -278,20 +278,20 @@ def evaluate(
             given = sorted(batch) if isinstance(batch, Mapping) else batch
             reject("evaluate batch", 'one with "object", and "image" or "frames"', given)
         nothing = torch.full((len(batch["object"]),), -1.0, dtype=torch.float64)
-        for name, values_ in told.items():
+        for name, values_ in parameters.items():
             values_.append(batch["parameters"].get(name, nothing))
         truths = targets_of(batch, profile)
         shape = (batch["object"].shape[-2], batch["object"].shape[-1])
         shown: dict[str, Tensor] = {}
         for name, method in methods.items():
-            made = method(copy_of(batch))  # what one does in place is not the next one's
-            answers[name].append(framed(_darkened(made), FRAME))
-            aligned = {target: aligned_to(made, truth, shape) for target, truth in truths.items()}
+            answer = method(copy_of(batch))  # what one does in place is not the next one's
+            answers[name].append(framed(_darkened(answer), FRAME))
+            aligned = {target: aligned_to(answer, truth, shape) for target, truth in truths.items()}
             shown[name] = aligned["sharp"]
             for target, truth in truths.items():
                 for score, function in SCORES.items():
-                    found = function(aligned[target], truth[..., : shape[0], : shape[1]])
-                    values[name][target][score].append(found.clamp(max=PERFECT))
+                    scored = function(aligned[target], truth[..., : shape[0], : shape[1]])
+                    values[name][target][score].append(scored.clamp(max=PERFECT))
         objects.append(truths["sharp"])
         cases += _cases(batch, shown, {name: values[name]["sharp"]["pearson"][-1] for name in methods})
     if not cases:
@@ -303,13 +303,13 @@ def evaluate(
         }
         for method, targets in values.items()
     }
-    column = {name: torch.cat(parts).numpy() for name, parts in told.items()}
+    column = {name: torch.cat(parts).numpy() for name, parts in parameters.items()}
     whole = {name: column[name].astype(np.int64) for name in ("medium", "label", "family")}
-    named = {method: identified(torch.cat(made), torch.cat(objects)).numpy() for method, made in answers.items()}
-    found = Evaluation(
+    named = {method: identified(torch.cat(parts), torch.cat(objects)).numpy() for method, parts in answers.items()}
+    scored = Evaluation(
         joined, whole["medium"], whole["label"], column["extent_over_range"], whole["family"], named
     )  # fmt: skip
-    return found, cases
+    return scored, cases
 
 
 def identified(made: Tensor, objects: Tensor) -> Tensor:
@@ -337,7 +337,7 @@ def _cases(batch: Batch, shown: Mapping[str, Tensor], scores: Mapping[str, Tenso
             hidden.numpy(),
             image.float().numpy(),
             {name: images[n].numpy() for name, images in shown.items()},
-            {name: float(found[n]) for name, found in scores.items()},
+            {name: float(numbers[n]) for name, numbers in scores.items()},
         )
         for n, (hidden, image) in enumerate(zip(batch["object"], seen, strict=True))
     ]

@@ -75,7 +75,7 @@ class Isolated:
             self._here.send(arrays_of(batch))
             if not self._here.poll(self._limits.seconds):
                 raise Failed(f"took longer than {self._limits.seconds:g} s")
-            answered, found = self._here.recv()
+            answered, outcome = self._here.recv()
         except (EOFError, OSError):
             self._process.join(1)
             code = self._process.exitcode
@@ -86,8 +86,8 @@ class Isolated:
             raise
         if not answered:
             self.close()
-            raise Failed(found)
-        return torch.from_numpy(found)
+            raise Failed(outcome)
+        return torch.from_numpy(outcome)
 
     def close(self) -> None:
         """End the process, whatever it does."""
@@ -119,10 +119,10 @@ def _serve(there: Connection, function: Callable, check: Callable, gibibytes: fl
         except EOFError:
             return
         try:
-            found = True, check(function(tensors_of(batch)), len(batch["object"])).numpy()
+            outcome = True, check(function(tensors_of(batch)), len(batch["object"])).numpy()
         except BaseException as error:  # noqa: BLE001, whatever it raises is its own
-            found = False, f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
-        there.send(found)
+            outcome = False, f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
+        there.send(outcome)
 
 
 def _limit_memory(gibibytes: float) -> None:

@@ -28,15 +28,15 @@ def write_answers(file: Path, results: "Results") -> None:
         "version": VERSION, "seed": SEED, "samples": results.samples,
         "fingerprints": {name: task(name).fingerprint for name in results.evaluations},
         "failures": [each._asdict() for each in results.failures],
-        "answers": [[name, function, len(made)] for (name, function), made in results.answers.items()],
+        "answers": [[name, function, len(batches)] for (name, function), batches in results.answers.items()],
         "scores": {
-            name: {function: targets["sharp"]["pearson"].tolist() for function, targets in found.values.items()}
-            for name, found in results.evaluations.items()
+            name: {function: targets["sharp"]["pearson"].tolist() for function, targets in evaluation.values.items()}
+            for name, evaluation in results.evaluations.items()
         },
     }  # fmt: skip
     arrays = {
-        f"{number}/{place}": made
-        for number, batches in enumerate(results.answers.values()) for place, made in enumerate(batches)
+        f"{number}/{place}": images
+        for number, batches in enumerate(results.answers.values()) for place, images in enumerate(batches)
     }  # fmt: skip
     np.savez_compressed(file, stated=json.dumps(stated), **arrays)  # type: ignore[arg-type]
 
@@ -75,16 +75,16 @@ def recheck(file: Path) -> dict[tuple[str, str], float]:
     if (stated["version"], stated["seed"]) != (VERSION, SEED):
         reject("answers version", f"{VERSION}, seed {SEED}", f"{stated['version']}, seed {stated['seed']}")
     _require_whole(stated)
-    found = {}
+    means = {}
     for name in stated["fingerprints"]:
         recipe = task(name).recipe()
         asked = stated["fingerprints"][name]
         if asked != recipe.fingerprint():
             reject(f"answers of {name!r}", f"to images {recipe.fingerprint()[:12]}", asked[:12])
-        made = {function: batches for (of, function), batches in answers.items() if of == name}
-        sizes = _sizes(name, made, stated["samples"])
-        own = {function: iter(batches) for function, batches in made.items()}
-        methods = {function: lambda batch, made=made: torch.from_numpy(next(made)) for function, made in own.items()}
+        of_task = {function: batches for (of, function), batches in answers.items() if of == name}
+        sizes = _sizes(name, of_task, stated["samples"])
+        own = {function: iter(batches) for function, batches in of_task.items()}
+        methods = {function: lambda batch, each=each: torch.from_numpy(next(each)) for function, each in own.items()}
         ends = np.cumsum([0, *sizes]).tolist()
         batches = (
             batch for first, last in zip(ends, ends[1:], strict=False)
@@ -98,15 +98,15 @@ def recheck(file: Path) -> dict[tuple[str, str], float]:
                 worst = int(np.abs(claimed - scores).argmax()) if claimed.shape == scores.shape else 0
                 reject(f"score of {function!r} on {name!r}, image {worst}", f"{scores[worst]:.4f}, as found now",
                        claimed.tolist()[worst : worst + 1])  # fmt: skip
-            found[name, function] = float(scores.mean())
-    return found
+            means[name, function] = float(scores.mean())
+    return means
 
 
 def _require_whole(stated: dict[str, Any]) -> None:
     """Refuse what would not be looked at: of tasks without a fingerprint, of functions without answers or scores."""
     tasks = set(stated["fingerprints"])
     answered = [(name, function) for name, function, _ in stated["answers"]]
-    scored = [(name, function) for name, found in stated["scores"].items() for function in found]
+    scored = [(name, function) for name, scores in stated["scores"].items() for function in scores]
     if len(set(answered)) < len(answered):
         reject("answers", "one of each function to each task", sorted(answered))
     if set(answered) != set(scored):
@@ -125,10 +125,10 @@ def missing_tasks(file: Path) -> list[str]:
 
 def _sizes(task: str, answers: dict[str, list[np.ndarray]], samples: int) -> list[int]:
     """Images of each batch: those that every function answered, as many as are stated, and no choice of them."""
-    sizes = {function: [len(each) for each in made] for function, made in answers.items()}
-    for function, found in sizes.items():
-        if sum(found) != samples or found != next(iter(sizes.values())):
-            reject(f"answers of {function!r} to {task!r}", f"to all of {samples} images, as stated", sum(found))
+    sizes = {function: [len(each) for each in batches] for function, batches in answers.items()}
+    for function, counts in sizes.items():
+        if sum(counts) != samples or counts != next(iter(sizes.values())):
+            reject(f"answers of {function!r} to {task!r}", f"to all of {samples} images, as stated", sum(counts))
     if not sizes:
         reject(f"answers to {task!r}", f"to all of {samples} images, as stated", "none")
     return next(iter(sizes.values()))

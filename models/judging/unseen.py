@@ -45,9 +45,9 @@ def unseen(objects: ObjectFamily, seed: int, split: Split, samples: int, seen: s
     """
     numbers = range(_MOST * samples)
     fresh = (n for n in numbers if character_of(objects, objects.source(seed, split, n)) not in seen)
-    found = list(islice(fresh, samples))
-    if len(found) == samples:
-        return found
+    chosen = list(islice(fresh, samples))
+    if len(chosen) == samples:
+        return chosen
     warn_user(
         "the networks were trained on the characters that they are judged on, in other fonts: hold characters out "
         '(objects.disjoint = "character") to judge on what none has seen',

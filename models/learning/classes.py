@@ -96,11 +96,11 @@ def classes_by_law(images: Tensor, recipe: HiddenObject, *, samples: int = SAMPL
     if images.ndim != 3 or tuple(images.shape[1:]) != tuple(recipe.camera_shape) or not len(images):
         reject("classes_by_law images", f"[N, H, W] of {tuple(recipe.camera_shape)} pixels", tuple(images.shape))
     drawn = recipe.batch(seed, "train", (0, recipe.samples.train // 2, recipe.samples.train - 1))["parameters"]
-    found = {name: np.unique(drawn[name]) for name in ("wavelength", "width", "camera_pitch", "object_pitch")}
-    if any(len(values) > 1 for values in found.values()):
+    settings = {name: np.unique(drawn[name]) for name in ("wavelength", "width", "camera_pitch", "object_pitch")}
+    if any(len(values) > 1 for values in settings.values()):
         reject("classes_by_law recipe", "one whose objects have one pitch and whose images have one window",
-               {name: values.tolist() for name, values in found.items() if len(values) > 1})  # fmt: skip
-    wavelength, width, camera, pitch = (float(values[0]) for values in found.values())
+               {name: values.tolist() for name, values in settings.items() if len(values) > 1})  # fmt: skip
+    wavelength, width, camera, pitch = (float(values[0]) for values in settings.values())
     grain = wavelength / width / camera
     one = Optics(pitch / camera, grain, recipe.profile, recipe.exposure is not None)
     seen = seen_by_camera(images[:, None].float(), torch.full((len(images),), grain), None, recipe.exposure or "none")
@@ -123,10 +123,10 @@ def _pooled(
     used, one = law.used[0], law.select(slice(0, 1))
     power = law.power[:, used]
     sources = [family.source(seed, "train", n) for n in range(samples)]
-    found = np.array([family.labels(source).get("label", -1.0) for source in sources])
-    if (found < 0).any():
+    labels = np.array([family.labels(source).get("label", -1.0) for source in sources])
+    if (labels < 0).any():
         reject("classes_by_law recipe.objects", "of classes, each with a label", family.type)
-    classes, which = np.unique(found, return_inverse=True)
+    classes, which = np.unique(labels, return_inverse=True)
     places = torch.from_numpy(which)
     best = torch.full((len(power), len(classes)), -1e30)
     total = torch.zeros(best.shape, dtype=torch.float64)

@@ -90,9 +90,9 @@ class Measured(NamedTuple):
             shown = torch.stack([own, -gradient / rms[..., None, None] / 4], dim=2)
             nats = self.likelihood.looks * self.likelihood.frequencies.to(rms)[:, None]
             excess = deviance - expected_deviance(self.likelihood.looks)
-            told = torch.stack([
+            numbers = torch.stack([
                 torch.ones_like(excess), (excess * nats.sqrt() / 10).clamp(-3, 3), excess.clamp(-1, 3),
                 (rms * nats).log() / 5,
             ], dim=-1)  # fmt: skip
-            told = torch.cat([told, self.numbers[:, None].expand(-1, images.shape[1], -1)], dim=-1)
-            return torch.cat([shown, asked], dim=2), told, deviance
+            numbers = torch.cat([numbers, self.numbers[:, None].expand(-1, images.shape[1], -1)], dim=-1)
+            return torch.cat([shown, asked], dim=2), numbers, deviance

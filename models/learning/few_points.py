@@ -61,7 +61,7 @@ def few_points(
         C_I between the pixels of the frame, float[B, 2 n - 1, 2 n - 1].
     """
     shining, spread = bright_pixels(last), likelihood.spread
-    found: list[FewPoints | None] = [None] * len(last)
+    constellations: list[FewPoints | None] = [None] * len(last)
     for n in torch.nonzero(shining < SPARSE).flatten().tolist():
         one, c_i = likelihood.select(slice(n, n + 1)), between[n : n + 1, None]
 
@@ -75,6 +75,6 @@ def few_points(
             continue
         image = best.image(last.shape[-1])
         alike = pearson(align(last[n : n + 1], image[None]), image[None])[0]
-        told = [excess, math.log(len(best.places)), best.reached, math.log1p(best.margin), float(alike)]
-        found[n] = FewPoints(image, len(best.places), torch.tensor(told))
-    return found
+        evidence = [excess, math.log(len(best.places)), best.reached, math.log1p(best.margin), float(alike)]
+        constellations[n] = FewPoints(image, len(best.places), torch.tensor(evidence))
+    return constellations

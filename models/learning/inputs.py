@@ -100,10 +100,10 @@ def _half_by_half(image: Tensor, step: Tensor, size: int, noise: Tensor) -> Tens
     # Triangles about rows near 0 reach over to rows below, which are those above turned about.
     rows, columns = (_triangles(2 * far + 1, step[None].to(image), size + 2)[0, 1:] for far in reach)
     down, up = rows[half:, reach[0] :], rows[half:, : reach[0]].flip(1)
-    found = down @ kept @ columns.T
-    found += (up @ kept[1:].flip(1)) @ columns.T
-    upper = found[1 : half + 1].flip((0, 1))
-    return torch.cat([upper[:, :size], found[:half, :size]])
+    correlation = down @ kept @ columns.T
+    correlation += (up @ kept[1:].flip(1)) @ columns.T
+    upper = correlation[1 : half + 1].flip((0, 1))
+    return torch.cat([upper[:, :size], correlation[:half, :size]])
 
 
 def _triangles(count: int, step: Tensor, size: int) -> Tensor:
@@ -188,16 +188,16 @@ def registered_input(batch: Mapping[str, Any]) -> Tensor:
     stack, sines = batch["stack"].float(), torch.sin(batch["tilts"])
     moved = ((sines - sines[:, :1]) / batch["parameters"]["camera_pitch"][:, None, None]).round().long()
     count = stack.shape[1]
-    made = []
+    correlations = []
     for images, places in zip(stack, moved.tolist(), strict=True):
         means = []
         for apart in range(1, count):
             pairs = [_registered(images[n], images[n + apart], places[n], places[n + apart])
                      for n in range(count - apart)]  # fmt: skip
             means.append(torch.stack(pairs).mean())
-        made.append(torch.stack(means))
-    found = torch.stack(made)
-    return torch.cat([found, (1 - found).clamp(1e-5, 2).log10()], dim=1)
+        correlations.append(torch.stack(means))
+    correlation = torch.stack(correlations)
+    return torch.cat([correlation, (1 - correlation).clamp(1e-5, 2).log10()], dim=1)
 
 
 def _registered(one: Tensor, other: Tensor, here: list[int], there: list[int]) -> Tensor:
@@ -254,7 +254,7 @@ def network_input(batch: Mapping[str, Any], kind: str) -> Tensor:
     frames = 1 if images.ndim == 3 else images.shape[1]
     drawn = {key: batch["parameters"][key].repeat_interleave(frames) for key in _OPTICS if key in batch["parameters"]}
     each = images if images.ndim == 3 else images.flatten(0, 1)
-    made = INPUTS[kind](each, step.repeat_interleave(frames), noise_of(each, drawn))
+    prepared = INPUTS[kind](each, step.repeat_interleave(frames), noise_of(each, drawn))
     if images.ndim == 3:
-        return made
-    return made.unflatten(0, (-1, frames))
+        return prepared
+    return prepared.unflatten(0, (-1, frames))

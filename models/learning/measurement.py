@@ -21,9 +21,9 @@ def seen_by_camera(
     images: torch.Tensor, grain: torch.Tensor, tile: int | None = TILE, camera: Stated = "unknown"
 ) -> Periodogram:
     """Periodograms of images real[B, F, H, W] with the noise of :func:`camera_noise`; grains float[B], in pixels."""
-    found = periodogram(images, tile=tile)
+    spectra = periodogram(images, tile=tile)
     noise = camera_noise(images, grain[:, None], camera).mean(1)
-    return found._replace(noise=noise.to(found.noise))
+    return spectra._replace(noise=noise.to(spectra.noise))
 
 
 def measured(batch: Mapping[str, Any], recipe: HiddenObject) -> tuple[Periodogram, Optics, list[MemoryEffect]]:

@@ -71,11 +71,11 @@ def read_model(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
         reject("model", f"a file of at most {LARGEST_FILE // 2**20} MiB", str(path))
     content = path.read_bytes()
     length = int.from_bytes(content[:8], "little")
-    found = _DIGEST.search(content, 8, 8 + min(length, LARGEST_HEADER))
-    if size < 8 or length > min(LARGEST_HEADER, size - 8) or found is None:
+    digest = _DIGEST.search(content, 8, 8 + min(length, LARGEST_HEADER))
+    if size < 8 or length > min(LARGEST_HEADER, size - 8) or digest is None:
         reject("model", "a file that Reconstructor.save wrote", str(path))
-    blank = content[: found.start(1)] + _ZEROS + content[found.end(1) :]
-    if hashlib.sha256(blank).hexdigest().encode() != found[1]:
+    blank = content[: digest.start(1)] + _ZEROS + content[digest.end(1) :]
+    if hashlib.sha256(blank).hexdigest().encode() != digest[1]:
         reject("model", "as it was written", str(path), "Its SHA-256 does not match: the file is damaged.")
     try:
         table = json.loads(content[8 : 8 + length])

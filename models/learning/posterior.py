@@ -127,7 +127,7 @@ def posterior(
     seed
         Of the noise, which is the same for all objects.
     """
-    made = []
+    posteriors = []
     for n in range(len(solved)):
         own = slice(n, n + 1)
         measured = Measured.of(likelihood.select(own), between[own], at_lags[own])
@@ -136,10 +136,10 @@ def posterior(
         draws = centred(drawn(net, measured, starts, kept, generator))
         with torch.no_grad():
             nats = measured.likelihood.excess(draws.clamp_min(1e-3), measured.between[:, None])
-        found = weighed(draws, nats, surprise(net, draws, generator))
-        both = (1 - SOLVED) * found.mean + SOLVED * align(centred(solved[own]), found.best)
-        made.append(found._replace(mean=both))
-    return Posterior(*(torch.cat(each) for each in zip(*made, strict=True)))
+        weighted = weighed(draws, nats, surprise(net, draws, generator))
+        both = (1 - SOLVED) * weighted.mean + SOLVED * align(centred(solved[own]), weighted.best)
+        posteriors.append(weighted._replace(mean=both))
+    return Posterior(*(torch.cat(each) for each in zip(*posteriors, strict=True)))
 
 
 def starts_of(measured: Measured, solved: Tensor, answers: Tensor, count: int) -> tuple[Tensor, Tensor]:
@@ -190,14 +190,14 @@ def drawn(
         first = 0.5 * net(x.flatten(0, 1), begin.flatten()).reshape(shape) + 0.5
         estimate = torch.where(begin[..., None, None] > 0, starts, first).clamp(0, 1)
     for n in range(steps):
-        shown, told, _ = measured(estimate)
+        shown, numbers, _ = measured(estimate)
         with torch.no_grad():
             t, after = (begin + (1 - begin) * m / steps for m in (n, n + 1))
-            found = net(x.flatten(0, 1), t.flatten(), shown.flatten(0, 1), told.flatten(0, 1)).reshape(shape)
+            means = net(x.flatten(0, 1), t.flatten(), shown.flatten(0, 1), numbers.flatten(0, 1)).reshape(shape)
             t, after = t[..., None, None], after[..., None, None]
-        estimate = explained(((found + 1) / 2).clamp(0, 1), measured, 1 - t)
+        estimate = explained(((means + 1) / 2).clamp(0, 1), measured, 1 - t)
         with torch.no_grad():
-            away = (x - t * found) / (1 - t).clamp_min(1e-3)
+            away = (x - t * means) / (1 - t).clamp_min(1e-3)
             away = (1 - _FRESH**2) ** 0.5 * away + _FRESH * noise()
             x = after * (2 * estimate - 1) + (1 - after) * away
     return estimate  # pyright: ignore[reportPossiblyUnbound]
@@ -234,9 +234,9 @@ def surprise(net: Flow, pictures: Tensor, generator: torch.Generator) -> Tensor:
         for level in _LEVELS:
             noise = torch.randn(1, 1, *shape[2:], generator=generator).expand(shape)
             x = level * u + (1 - level) * noise
-            found = net(x.flatten(0, 1), torch.full((shape[0] * count,), level)).reshape(shape)
+            means = net(x.flatten(0, 1), torch.full((shape[0] * count,), level)).reshape(shape)
             ratio = (level / (1 - level)) ** 2
-            total += 0.5 * (ratio - before) * (found - u).square().sum((-2, -1))
+            total += 0.5 * (ratio - before) * (means - u).square().sum((-2, -1))
             before = ratio
     return total
 

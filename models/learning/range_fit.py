@@ -101,10 +101,10 @@ def fit_range(
     lags, variance, grain = lags_of(likelihood)
     with torch.no_grad():
         numbers = described(variance, grain, seen.looks)
-        told = likelihoods(solver.ranges(torch.fft.fftshift(lags, dim=(-2, -1)), numbers).double()).numpy()
+        curves = likelihoods(solver.ranges(torch.fft.fftshift(lags, dim=(-2, -1)), numbers).double()).numpy()
     tried = np.sort(np.asarray(factors, np.float64))
     at = [np.log(EXTENT / range_of(c)) - np.log(tried) for c in memory]
-    each = np.stack([np.interp(x, np.log(extents()), row) for x, row in zip(at, told, strict=True)], axis=1)
+    each = np.stack([np.interp(x, np.log(extents()), row) for x, row in zip(at, curves, strict=True)], axis=1)
     total = scan.blurred(tried, each.sum(1), SHAPE)
     likely = dict(zip(tried.tolist(), (total - total.max()).tolist(), strict=True))
     return RangeFit(_peak(tried, total), *scan.interval(tried, total, 0.95), likely)

@@ -67,8 +67,8 @@ class Reconstructor:
         """Answer to prepared inputs float32[B, ...]: brightness 0 to 1, float32[B, h, w], or a row float32[B, 1, K]."""
         self.network.eval()
         with torch.inference_mode():
-            made = TARGETS[self.target].answer(self.network(inputs.to(self.device)).float())
-            return centred(made) if self.target == "object" else made
+            answer = TARGETS[self.target].answer(self.network(inputs.to(self.device)).float())
+            return centred(answer) if self.target == "object" else answer
 
     def reconstruct(self, batch: Mapping[str, Any]) -> Tensor:
         """Brightness of the objects in a batch of a hidden-object recipe, up to shift and 180-degree flip.

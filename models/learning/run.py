@@ -103,20 +103,20 @@ class Run:
     def end_epoch(self) -> dict[str, float]:
         """Validate, log, keep the best, save."""
         model = self.reconstructor()
-        found = validated(model, self.validation)
+        score = validated(model, self.validation)
         self.count_time()
         row = {
             "epoch": self.epoch,
             "seconds": round(self.spent, 3),
             "train_loss": self.summed / max(self.step, 1),
-            f"validation_{TARGETS[self.training.target].scored}": found,
+            f"validation_{TARGETS[self.training.target].scored}": score,
             "learning_rate": self.optimiser.param_groups[0]["lr"],
         }
         self.rows.append(row)
-        self.stale = 0 if found > self.best else self.stale + 1
+        self.stale = 0 if score > self.best else self.stale + 1
         self.require_own()
-        if found > self.best:
-            self.best = found
+        if score > self.best:
+            self.best = score
             model.save(self.folder / "best.pt")
         self.epoch, self.step, self.summed = self.epoch + 1, 0, 0.0
         self.finished |= self.epoch >= self.training.epochs or self.stale >= self.training.patience
@@ -200,8 +200,8 @@ def require_fit(start: Reconstructor, training: "Training", validation: Examples
 
 def validated(model: Reconstructor, examples: Examples) -> float:
     """Score of the model's answers; of objects their mean Pearson correlation after alignment."""
-    made = torch.cat([model(inputs.float()).cpu() for inputs in examples.inputs.split(_CHUNK)])
-    return TARGETS[model.target].score(made, examples.targets)
+    answers = torch.cat([model(inputs.float()).cpu() for inputs in examples.inputs.split(_CHUNK)])
+    return TARGETS[model.target].score(answers, examples.targets)
 
 
 def read_log(folder: Path) -> list[dict[str, float]]:

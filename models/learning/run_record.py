@@ -74,7 +74,7 @@ def record(
     shown = {"sha256": digest_of(data)} if isinstance(data, Examples) else dict(getattr(data, "identity", {}))
     if shown.get("sha256") == held_out["sha256"]:
         reject("train validation", "examples that the network is not trained on", "the training examples")
-    told = about or {}
+    facts = about or {}
     begins = {} if start is None else {
         "start": {"sha256": digest_of_weights(start.network), "trained_on": start.trained_on}
     }  # fmt: skip
@@ -82,8 +82,8 @@ def record(
         json.dumps(
             {
                 "training": json.loads(training.canonical_json()) | network_content(training.network),
-                "data": shown | dict(told.get("data", {})),
-                "validation": held_out | dict(told.get("validation", {})),
+                "data": shown | dict(facts.get("data", {})),
+                "validation": held_out | dict(facts.get("validation", {})),
                 **begins,
             }
         ),

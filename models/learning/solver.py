@@ -167,18 +167,18 @@ class Solver:
             return likelihood(objects, between[:, None])
 
         begun = self.network.candidates(shown, deviance)
-        made = [image.detach() for image in self.network.refined(begun, deviance)]
-        evidence = evidence_of(self.network, made, begun, likelihood, between, at_lags)
-        image, probability = made[-1], self.certificate(evidence)
+        images = [image.detach() for image in self.network.refined(begun, deviance)]
+        evidence = evidence_of(self.network, images, begun, likelihood, between, at_lags)
+        image, probability = images[-1], self.certificate(evidence)
         count = torch.zeros(len(image), dtype=torch.int64)
         if self.points is not None:
             for place, few in enumerate(few_points(image, begun, likelihood, between, self.network.answers)):
                 if few is not None:
                     image[place], count[place] = few.image, few.points
                     probability[place] = self.points(few.evidence)
-        (near,), (found,) = (x.unbind(1) for x in settled(image[:, None], deviance))
-        log = -seen.looks * likelihood.frequencies * found
-        return Solution(centred(image), centred(near), found, log, probability, evidence, count)
+        (near,), (least_deviance,) = (x.unbind(1) for x in settled(image[:, None], deviance))
+        log = -seen.looks * likelihood.frequencies * least_deviance
+        return Solution(centred(image), centred(near), least_deviance, log, probability, evidence, count)
 
     def posterior(
         self, seen: Periodogram, optics: Optics, memory: Sequence[MemoryEffect], *, draws: int = 8, seed: Seed = 0,
@@ -325,9 +325,11 @@ def first_look(
     }
     answers = torch.zeros(len(lags), 0, frame, frame)
     if retrieval is not None:
-        found = torch.cat([retrieve(each.double(), retrieval, seed=seed).restarts for each in weighted.values()], dim=1)
+        restarts = torch.cat(
+            [retrieve(each.double(), retrieval, seed=seed).restarts for each in weighted.values()], dim=1
+        )
         margin = (LAGS - frame) // 2
-        answers = centred(found)[..., margin : margin + frame, margin : margin + frame].contiguous()
+        answers = centred(restarts)[..., margin : margin + frame, margin : margin + frame].contiguous()
     pictures = torch.fft.fftshift(torch.stack([lags, weighted["dense"]], dim=1), dim=(-2, -1))
     scalars = [
         *described(variance, grain, likelihood.looks).unbind(1),
@@ -377,10 +379,10 @@ def evidence_of(
 
     (near,), (own,) = (x.unbind(1) for x in settled(last[:, None], deviance))
     halves = likelihood.thinned()
-    told, starts = [], []
+    held_out, starts = [], []
     for one, other in (halves, halves[::-1]):
         image, _ = settled(last[:, None], lambda x, one=one: deviance(x, one), *BRIEFLY)
-        told.append(deviance(image, other)[:, 0].detach() - expected_deviance(other.looks))
+        held_out.append(deviance(image, other)[:, 0].detach() - expected_deviance(other.looks))
         with torch.no_grad():
             starts.append(network.started(first_look(one, memory_effect, network.frame, retrieval=None)))
     with torch.no_grad():
@@ -393,7 +395,7 @@ def evidence_of(
         return torch.stack(
             [
                 own - expected_deviance(likelihood.looks), deviance(last[:, None])[:, 0] - own, least - own,
-                begun.deviances[:, 0] - least, (told[0] + told[1]) / 2, pearson(near, last),
+                begun.deviances[:, 0] - least, (held_out[0] + held_out[1]) / 2, pearson(near, last),
                 agreed(made[0]), agreed(made[-2]), agreed(starts[0]), agreed(starts[1]),
                 pearson(align(starts[0], starts[1]), starts[1]), answers[:, 0], answers.amax(1), answers.mean(1),
                 filled, sharpness, torch.full_like(own, float(np.log(likelihood.looks))), *begun.scalars.unbind(1),

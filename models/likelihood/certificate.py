@@ -44,11 +44,11 @@ class Certificate(NamedTuple):
         """Certificate of evidence float[n, e] and successes bool[n]; of the chosen numbers alone, where they are."""
         if chosen is not None:
             count, places = evidence.shape[1], np.asarray(chosen)
-            found = cls.fitted(evidence[:, places], success)
+            certificate = cls.fitted(evidence[:, places], success)
             filled = {name: np.full(count, float(name == "spread")) for name in cls._fields if name != "constant"}
             for name, values in filled.items():
-                values[places] = getattr(found, name)
-            return cls(constant=found.constant, **{name: tuple(x.tolist()) for name, x in filled.items()})
+                values[places] = getattr(certificate, name)
+            return cls(constant=certificate.constant, **{name: tuple(x.tolist()) for name, x in filled.items()})
         mean, spread = evidence.mean(0), np.maximum(evidence.std(0), 1e-6)
         x = np.column_stack([(evidence - mean) / spread, np.ones(len(evidence))])
         penalty = np.diag([_PENALTY] * (x.shape[1] - 1) + [1e-6])
@@ -83,8 +83,8 @@ class Certificate(NamedTuple):
     def __call__(self, evidence: Tensor) -> Tensor:
         """Probability float[B] of evidence float[B, e]; NaN where some of it is unlike all that was fitted to."""
         weights, mean, spread = (torch.tensor(x, dtype=evidence.dtype) for x in self[:3])
-        told = (((evidence - mean) / spread) @ weights + self.constant).sigmoid()
-        return torch.where(self.unlike(evidence).any(-1), float("nan"), told)
+        probability = (((evidence - mean) / spread) @ weights + self.constant).sigmoid()
+        return torch.where(self.unlike(evidence).any(-1), float("nan"), probability)
 
     def unlike(self, evidence: Tensor) -> Tensor:
         """Which numbers of evidence float[B, e], of those that count, lie outside of all that was fitted to."""

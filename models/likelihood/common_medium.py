@@ -122,14 +122,14 @@ def joint_objects(images: Tensor, objects: Tensor, optics: Optics) -> Joint:
     seen = _Seen(images.double(), objects.double(), step, grain, optics)
     ways = [seen.placed(turned) for turned in (False, True)]
     ways.sort(key=lambda way: -way[0])
-    (best, found, flipped, shift), (other, *_) = ways
+    (best, aligned, flipped, shift), (other, *_) = ways
     for _ in range(STEPS):
-        for n in range(len(found)):  # against what all others say of the medium
-            found[n], turn, moved = seen.reconsidered(found, n)
+        for n in range(len(aligned)):  # against what all others say of the medium
+            aligned[n], turn, moved = seen.reconsidered(aligned, n)
             shift[n] = (-shift[n] if turn else shift[n]) + moved
             flipped[n] ^= turn
-        found = seen.improved(found)
-    image = (found / found.amax((-2, -1), keepdim=True).clamp_min(1e-30)).flip((-2, -1)).float()
+        aligned = seen.improved(aligned)
+    image = (aligned / aligned.amax((-2, -1), keepdim=True).clamp_min(1e-30)).flip((-2, -1)).float()
     return Joint(image, flipped, -shift, best, other)
 
 
@@ -204,7 +204,7 @@ class _Seen:
     def placed(self, turned: bool) -> tuple[float, Tensor, Tensor, Tensor]:
         """Objects in one place, beside the first, which is turned or not; how well they fit, turns and shifts."""
         first = self.objects[0].flip((-2, -1)) if turned else self.objects[0]
-        found, total = [first], 0.0
+        aligned, total = [first], 0.0
         flipped, shift = torch.tensor([turned]), torch.zeros(1, 2, dtype=torch.int64)
         seen = self.transformed(first)
         for n in range(1, len(self.objects)):
@@ -218,10 +218,10 @@ class _Seen:
                 ways.append((*self.best_shift(product), own, turn))
             value, down, right, own, turn = max(ways, key=lambda way: way[0])
             total += value
-            found.append(own.roll((-down, -right), (-2, -1)))
+            aligned.append(own.roll((-down, -right), (-2, -1)))
             flipped = torch.cat([flipped, torch.tensor([turn])])
             shift = torch.cat([shift, torch.tensor([[-down, -right]])])
-        return total, torch.stack(found), flipped, shift
+        return total, torch.stack(aligned), flipped, shift
 
     def medium(self, seen: Tensor, spectrum: Tensor) -> Tensor:
         """S from objects' transforms and images' spectra, complex[F, G]."""
@@ -238,19 +238,19 @@ class _Seen:
         """Object n, turned and moved to where all others have it; whether it was turned, and how far it was moved."""
         seen = self.transformed(found)
         rest = [m for m in range(len(found)) if m != n]
-        told, _ = self.told(self.medium(seen[rest], self.spectrum[rest]), self.spectrum[n])
+        spectrum, _ = self.told(self.medium(seen[rest], self.spectrum[rest]), self.spectrum[n])
         ways = []
         for turn in (False, True):
             own = found[n].flip((-2, -1)) if turn else found[n]
-            ways.append((*self.best_shift(told.conj() * self.transformed(own)), own, turn))
+            ways.append((*self.best_shift(spectrum.conj() * self.transformed(own)), own, turn))
         _, down, right, own, turn = max(ways, key=lambda way: way[0])
         return own.roll((-down, -right), (-2, -1)), turn, torch.tensor([-down, -right])
 
     def improved(self, found: Tensor) -> Tensor:
         """One step of alternating least squares."""
         seen = self.transformed(found)
-        told, believed = self.told(self.medium(seen, self.spectrum), self.spectrum)
-        change = (told - believed * seen) * self.twice
-        made = (self.waves[0].conj().mT @ change @ self.waves[1].conj()).real * self.share
+        spectrum, believed = self.told(self.medium(seen, self.spectrum), self.spectrum)
+        change = (spectrum - believed * seen) * self.twice
+        update = (self.waves[0].conj().mT @ change @ self.waves[1].conj()).real * self.share
         whole = found / found.sum((-2, -1), keepdim=True)
-        return (whole + made).clamp_min(0)
+        return (whole + update).clamp_min(0)

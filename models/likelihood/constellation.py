@@ -163,8 +163,8 @@ def _changes(places: tuple[int, ...], missing: list[int], side: int) -> Iterator
 
 def _costs(constellations: list[tuple[int, ...]], nats: Callable[[Tensor], Tensor], side: int) -> np.ndarray:
     with torch.no_grad():
-        found = nats(_drawn(constellations, side)).double().numpy()
-    return found + np.log(side * side) * np.array([len(each) for each in constellations])
+        misfit = nats(_drawn(constellations, side)).double().numpy()
+    return misfit + np.log(side * side) * np.array([len(each) for each in constellations])
 
 
 def _drawn(constellations: list[tuple[int, ...]], side: int) -> Tensor:

@@ -180,7 +180,7 @@ class SpeckleLikelihood(nn.Module):
         if not used.flatten(1).any(1).all():
             reject("SpeckleLikelihood seen", "with a frequency inside the window's band", seen.shape,
                    "Use a larger camera or tile, or a narrower envelope.")  # fmt: skip
-        made = transforms(
+        matrices = transforms(
             down.numpy(), across.numpy(), seen.shape, self.shape, step, grain, optics.profile, optics.pixel_integration
         )
         self.down, self.across, self.tile = down, across, seen.shape
@@ -189,8 +189,8 @@ class SpeckleLikelihood(nn.Module):
         self.register_buffer("power", power)
         self.register_buffer("noise", seen.noise.to(dtype))
         self.register_buffer("used", used.to(power.device))
-        self.register_buffer("rows", made.rows)
-        self.register_buffer("columns", made.columns)
+        self.register_buffer("rows", matrices.rows)
+        self.register_buffer("columns", matrices.columns)
 
     def object_spectrum(self, objects: Tensor, memory_effect: Tensor | None = None) -> Tensor:
         """S of objects without noise, float[B, ..., F, G].
@@ -210,8 +210,8 @@ class SpeckleLikelihood(nn.Module):
 
     def of_lags(self, lags: Tensor) -> Tensor:
         """S without noise, float[B, ..., F, G], of what pairs of pixels add, R C: float[B, ..., 2 h - 1, 2 w - 1]."""
-        found = Transforms(self.rows, self.columns)(lags)
-        return torch.maximum(found, _LEAST * found.detach().amax((-2, -1), keepdim=True))
+        spectrum = Transforms(self.rows, self.columns)(lags)
+        return torch.maximum(spectrum, _LEAST * spectrum.detach().amax((-2, -1), keepdim=True))
 
     def spectrum(self, objects: Tensor, memory_effect: Tensor | None = None) -> Tensor:
         """S with the brightness that fits best, and noise, float[B, ..., F, G]: what the periodogram should be."""
@@ -268,10 +268,10 @@ class SpeckleLikelihood(nn.Module):
         steps = torch.fft.fftfreq(size, 1 / size).double()
         turns = [waves(f.numpy(), steps.numpy(), self.step) for f in (self.down, self.across)]
         power = torch.where(self.used, self.power - self.noise[:, None, None], 0.0)
-        found = 2 * Transforms(*turns).back(power) / (self.tile[0] * self.tile[1])
-        reach = steps.to(found).abs() * self.step[:, None]
+        correlation = 2 * Transforms(*turns).back(power) / (self.tile[0] * self.tile[1])
+        reach = steps.to(correlation).abs() * self.step[:, None]
         pairs = [(1 - reach / n).clamp_min(0.1) for n in self.tile]
-        return found / (pairs[0][:, :, None] * pairs[1][:, None])
+        return correlation / (pairs[0][:, :, None] * pairs[1][:, None])
 
     def lag_variance(self) -> Tensor:
         """Variance of a lag (Bartlett), float[B]; see :func:`specklegen.models.retrieval.wiener.lag_variance`."""
@@ -308,10 +308,10 @@ class SpeckleLikelihood(nn.Module):
 def each_of(field: str, value: float | Tensor, count: int, dtype: torch.dtype) -> Tensor:
     """One number for each of so many objects, above 0."""
     given = value if isinstance(value, Tensor) else torch.from_numpy(real_array(field, value).copy())
-    found = real_tensor(field, given).to(dtype)
-    if found.ndim > 1 or (found.ndim == 1 and len(found) != count) or not ((found > 0) & found.isfinite()).all():
+    number = real_tensor(field, given).to(dtype)
+    if number.ndim > 1 or (number.ndim == 1 and len(number) != count) or not ((number > 0) & number.isfinite()).all():
         reject(field, f"finite and above 0, one number or one for each of {count} objects", value)
-    return found.expand(count)
+    return number.expand(count)
 
 
 def _used(rows: Tensor, columns: Tensor, grain: Tensor, profile: Profile, lowest: float) -> Tensor:
@@ -331,8 +331,8 @@ def _brightness(alone: Tensor, power: Tensor, used: Tensor, noise: Tensor) -> Te
     if not noise.any():
         return torch.where(used, power / alone, 0.0).sum((-2, -1)) / used.sum((-2, -1))
     lit = torch.where(used, alone, 0.0).sum((-2, -1)).clamp_min(tiny)
-    found = (rest.sum((-2, -1)) / lit).clamp_min(1e-6)
+    brightness = (rest.sum((-2, -1)) / lit).clamp_min(1e-6)
     for _ in range(_STEPS):
-        weight = torch.where(used, alone / (found[..., None, None] * alone + noise).square().clamp_min(tiny), 0.0)
-        found = ((weight * rest).sum((-2, -1)) / (weight * alone).sum((-2, -1)).clamp_min(tiny)).clamp_min(1e-6)
-    return found
+        weight = torch.where(used, alone / (brightness[..., None, None] * alone + noise).square().clamp_min(tiny), 0.0)
+        brightness = ((weight * rest).sum((-2, -1)) / (weight * alone).sum((-2, -1)).clamp_min(tiny)).clamp_min(1e-6)
+    return brightness

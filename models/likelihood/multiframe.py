@@ -153,11 +153,11 @@ def multiframe_deconvolution(
         reject(f"{owner} size", f"at most {int(min(images.shape[-2:]) / step)}, the camera's side", size)
     flat, _, lowest = flattened(images.cpu().double(), real_number(f"{owner} background", background), sigma, owner)
     law = _Law(flat, lowest, size, step, grain, optics)
-    found = law.search(words, starts)
-    order = found.cost.argsort(stable=True)
-    image, *others = (law.drawn(found.pixels[n]) for n in order.tolist())
+    solutions = law.search(words, starts)
+    order = solutions.cost.argsort(stable=True)
+    image, *others = (law.drawn(solutions.pixels[n]) for n in order.tolist())
     alike = [float(pearson(align(other, image), image).mean()) for other in others]
-    explained = float(found.explained[order[0]])
+    explained = float(solutions.explained[order[0]])
     return Multiframe(image, float(np.mean(alike)) if alike else float("nan"), explained)
 
 
@@ -201,11 +201,11 @@ class _Law:
         light = torch.from_numpy(blob * (0.5 + 0.5 * np.stack(draws)))
         pixels = (light / light.mean((-2, -1), keepdim=True) + _FAINT).log()
         shares, none = torch.tensor(_SHARES, dtype=torch.float64).expand(starts, 2), torch.zeros(starts)
-        found = _Found(pixels, shares, none, none)
+        solutions = _Found(pixels, shares, none, none)
         for steps, highest in STAGES:
             if int((self.used & (self.frequency <= highest)).sum()) >= _FEW:
-                found = self.searched(found.pixels, found.shares, steps, highest)
-        return found
+                solutions = self.searched(solutions.pixels, solutions.shares, steps, highest)
+        return solutions
 
     def searched(self, pixels: Tensor, shares: Tensor, steps: int, highest: float) -> _Found:
         """Go so many steps down -log L of the frequencies up to the highest."""

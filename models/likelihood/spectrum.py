@@ -133,16 +133,16 @@ def transforms(
     """
     steps, grains = (x.detach().cpu().numpy().astype(np.float64) for x in (step, grain))
     reach = max(steps.max() * (n - 1) + side for n, side in zip(objects, shape, strict=True))
-    made: list[list[np.ndarray]] = [[], []]
+    kernels: list[list[np.ndarray]] = [[], []]
     for n, size in enumerate(grains):
-        found = factors(profile, 16 * int(np.ceil(reach / size / 16)), 1 / size if pixel else 0.0)
+        terms = factors(profile, 16 * int(np.ceil(reach / size / 16)), 1 / size if pixel else 0.0)
         for axis, frequencies in enumerate((rows, columns)):
-            kernel = _kernels(found, frequencies.tobytes(), shape[axis], float(size), weighted=axis == 0)
+            kernel = _kernels(terms, frequencies.tobytes(), shape[axis], float(size), weighted=axis == 0)
             lags = np.arange(1 - objects[axis], objects[axis])
-            angle = (-2 * np.pi * steps[n] / size) * found[0].nodes[:, None] * lags
+            angle = (-2 * np.pi * steps[n] / size) * terms[0].nodes[:, None] * lags
             both = kernel @ np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
-            made[axis].append(both.reshape(len(found), len(frequencies), 2, -1).swapaxes(1, 2))
-    return Transforms(*(_stacked(parts).to(step) for parts in made))
+            kernels[axis].append(both.reshape(len(terms), len(frequencies), 2, -1).swapaxes(1, 2))
+    return Transforms(*(_stacked(parts).to(step) for parts in kernels))
 
 
 def waves(frequencies: np.ndarray, lags: np.ndarray, step: Tensor) -> Tensor:

@@ -92,8 +92,8 @@ def turn_of(images: Tensor, objects: Tensor, optics: Optics, noise: Tensor | flo
     >>> turn_of(images, objects, Optics(step=2.0, grain=3.0)).turned.shape
     torch.Size([2])
     """
-    found = third_moments(images, objects, optics, noise)[:, 0]
-    return Turn(found < 0, (SLOPE * found.abs()).sigmoid(), found)
+    moments = third_moments(images, objects, optics, noise)[:, 0]
+    return Turn(moments < 0, (SLOPE * moments.abs()).sigmoid(), moments)
 
 
 def third_moments(images: Tensor, objects: Tensor, optics: Optics, noise: Tensor | float = 0.0) -> Tensor:

@@ -151,8 +151,8 @@ def scanned_object(
     best, least = None, np.inf
     for start in range(starts):
         white = np.random.default_rng([len(words), *words, start]).random(scan.wide, np.float32)
-        found = reflected(scan, seen.moduli, torch.from_numpy(white))
-        lit = found + _LEAST * found.mean()
+        retrieved = reflected(scan, seen.moduli, torch.from_numpy(white))
+        lit = retrieved + _LEAST * retrieved.mean()
         deviance = float(seen.likelihood(scan.parts(lit), seen.memory_effect).mean())
         if best is None or deviance < least:
             best, least = lit, deviance
@@ -289,9 +289,9 @@ def moduli_of(likelihood: SpeckleLikelihood, memory_effect: Tensor, light: Tenso
     passed = torch.from_numpy(np.asarray(window.overlap(*(x.numpy() for x in share)))).float()
     power = torch.fft.fft2(lags * kept * inside).real.clamp_min(0)
     power = torch.where(passed >= _SMALLEST, power / passed.clamp_min(_SMALLEST), 0.0)
-    found = power[..., : m // 2 + 1].sqrt() * light[:, None, None]
-    found[:, 0, 0] = light * (found[:, 0, 0] / light).median()  # all the light of an exposure, measured by itself
-    return found
+    moduli = power[..., : m // 2 + 1].sqrt() * light[:, None, None]
+    moduli[:, 0, 0] = light * (moduli[:, 0, 0] / light).median()  # all the light of an exposure, measured by itself
+    return moduli
 
 
 def reflected(scan: Scanned, moduli: Tensor, start: Tensor) -> Tensor:
@@ -334,5 +334,5 @@ def climbed(seen: Seen, start: Tensor) -> tuple[Tensor, Tensor]:
                 loss.backward()
                 steps.step()
     with torch.no_grad():
-        found = drawn.exp()
-        return found.detach(), seen.likelihood(seen.scan.parts(found), seen.memory_effect)
+        brightness = drawn.exp()
+        return brightness.detach(), seen.likelihood(seen.scan.parts(brightness), seen.memory_effect)

@@ -175,11 +175,11 @@ class Finding(Pictured):
     __repr__ = short
 
     def _facts(self) -> Mapping[str, object]:
-        told = {each.name: f"{each.numbers}. Remedy: {each.remedy}" for each in self.reasons}
+        reasons = {each.name: f"{each.numbers}. Remedy: {each.remedy}" for each in self.reasons}
         stated: dict[str, object] = {} if self.probability is None else {"probability": self.probability}
         stated |= {} if self.turn is None else {"probability of the turn": self.turn}
         stated |= {} if self.draws is None else {"agreement of draws": float(self.draws.agreement[0])}
-        return stated | {"deviance": self.deviance, "expected": self.expected} | told
+        return stated | {"deviance": self.deviance, "expected": self.expected} | reasons
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """What was reconstructed."""
@@ -285,41 +285,41 @@ def reconstruct_and_assess(
     grain = torch.full((len(images),), float(own.optics.grain))
     seen = seen_by_camera(images, grain, camera=setup.exposure or "unknown")
     memory = [own.memory_effect] * len(images)
-    found = None
+    fitted = None
     if fit if fit is not None else not own.known and len(images) >= _FEWEST:
-        found = fit_range(solver, seen, own.optics, memory)
-    factor = found.factor if found is not None else 1.0
+        fitted = fit_range(solver, seen, own.optics, memory)
+    factor = fitted.factor if fitted is not None else 1.0
     memory = [scaled(own.memory_effect, factor)] * len(images)
     solution = solver.solve(seen, own.optics, memory, seed=seed)
     tests = _tested(images, solution, seen, own, memory)
     camera = float(np.sqrt(images.shape[-1] * images.shape[-2])) / float(own.optics.grain)
     third = _third(images, solution, seen, own, tests)
     solution, silent = _certified(solution, third, solver)
-    turned, told = _turns(solution, own, memory, third)
+    turned, probabilities = _turns(solution, own, memory, third)
     drawn = solver.posterior(seen, own.optics, memory, draws=draws, seed=seed, solved=solution) if draws else None
     each = tuple(
         Finding(
             _upright(solution.image[n], turned[n]).numpy(), float(solution.deviance[n]), expected_deviance(seen.looks),
             float(solution.probability[n]) if tests[n].passes and not silent[n] else None,
             _reasons(solution, n, seen, own, memory[n], camera, images.shape[1], tests[n], silent[n]), tests[n],
-            told[n],
+            probabilities[n],
             None if drawn is None else _of_one(drawn, n, solution.image[n], turned[n]),
         )
         for n in range(len(images))
     )  # fmt: skip
-    return Findings(each, own.range_sine * factor, found)
+    return Findings(each, own.range_sine * factor, fitted)
 
 
 def _third(
     images: Tensor, solution: Solution, seen: Periodogram, setup: Setup, tests: tuple[SpeckleTest, ...]
 ) -> Tensor:
     """Third order of camera images with each reconstruction, float64[B, 2]; NaN of what is no speckle."""
-    found = torch.full((len(images), 2), float("nan"), dtype=torch.float64)
+    moments = torch.full((len(images), 2), float("nan"), dtype=torch.float64)
     for n, test in enumerate(tests):
         if test.passes:
             noise = float(seen.noise[n].clamp_min(0))
-            found[n] = third_moments(images[n : n + 1], solution.image[n : n + 1].double(), setup.optics, noise)[0]
-    return found
+            moments[n] = third_moments(images[n : n + 1], solution.image[n : n + 1].double(), setup.optics, noise)[0]
+    return moments
 
 
 def _certified(solution: Solution, third: Tensor, solver: Solver) -> tuple[Solution, list[str]]:
@@ -352,7 +352,7 @@ def _turns(
 ) -> tuple[list[bool], list[float | None]]:
     """Whether each image is upside down, and with what probability that is known; None where it is not told."""
     turned: list[bool] = [False] * len(third)
-    told: list[float | None] = [None] * len(third)
+    probabilities: list[float | None] = [None] * len(third)
     for n, spreads in enumerate(third[:, 0].tolist()):
         if not solution.probability[n] >= 0.5 or not np.isfinite(spreads):
             continue
@@ -362,8 +362,8 @@ def _turns(
             continue
         probability = float(1 / (1 + np.exp(-_TURN_SLOPE * abs(spreads))))
         if probability >= CLAIMED:
-            turned[n], told[n] = spreads < 0, probability
-    return turned, told
+            turned[n], probabilities[n] = spreads < 0, probability
+    return turned, probabilities
 
 
 def _upright(image: Tensor, turned: bool) -> Tensor:

@@ -86,8 +86,8 @@ def fit_band(images: np.ndarray, looks: float = 1.0) -> Band:
     blocks = _blocks(power + added, fy, fx)
     noise = _floor(blocks)
     guess = _edges(blocks, noise)
-    found = [_fitted(blocks, shape, guess, noise) for shape in SHAPES]
-    best = min(found, key=lambda each: each[1])
+    fits = [_fitted(blocks, shape, guess, noise) for shape in SHAPES]
+    best = min(fits, key=lambda each: each[1])
     free = _fitted(blocks, None, guess, noise)
     shape, cost, at = best
     gy, gx = np.exp(at[:2])
@@ -132,7 +132,7 @@ def _floor(blocks: _Blocks) -> float:
 
 def _edges(blocks: _Blocks, noise: float) -> tuple[float, float]:
     """Grain down and across, roughly: by where the power along each axis falls to the noise."""
-    found = []
+    grains = []
     for along, beside in ((blocks.down, blocks.across), (blocks.across, blocks.down)):
         middle = np.abs(beside) < 0.12
         edges = np.linspace(0, 0.5, 26)
@@ -141,8 +141,8 @@ def _edges(blocks: _Blocks, noise: float) -> tuple[float, float]:
         line = np.bincount(place[middle], (blocks.number * blocks.power)[middle], 26)[:25] / np.maximum(number, 1e-9)
         above = np.flatnonzero(line > 1.5 * noise)
         last = edges[above[-1] + 1] if len(above) else 0.25
-        found.append(float(np.clip(1 / last, _FINEST, 40.0)))
-    return found[0], found[1]
+        grains.append(float(np.clip(1 / last, _FINEST, 40.0)))
+    return grains[0], grains[1]
 
 
 def _surface(down: np.ndarray, across: np.ndarray) -> np.ndarray:
@@ -191,9 +191,9 @@ def _fitted(
         start = np.zeros(10)
         start[:3] = np.log(np.array(guess) * factor).tolist() + [np.log(noise)]
         start[3] = lit
-        found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 200})
-        if best is None or found.fun < best[0]:
-            best = float(found.fun), found.x
+        optimum = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 200})
+        if best is None or optimum.fun < best[0]:
+            best = float(optimum.fun), optimum.x
     assert best is not None
     return shape or "square", best[0], best[1]
 

@@ -88,15 +88,15 @@ class SpeckleTest(NamedTuple):
     @property
     def words(self) -> str:
         """What speaks against speckle, as text; empty where nothing does."""
-        said = (
+        sentences = (
             f"contrast {self.contrast:.2g} where the reconstruction predicts {self.predicted:.2g} +- {self.spread:.1g}",
             f"skewness {self.skewness:.2g} where speckle has at least {self.least:.2g}",
             f"skewness {self.turned:.2g} without the object, where that of speckle is above 0",
             f"deviance {self.excess:.2g} above that of the true object",
         )
         bound = min(_TELLING, max(self.evidence))
-        told = "; ".join(line for line, far in zip(said, self.evidence, strict=True) if far >= bound and far > 0)
-        return f"{told}: this is no speckle of this setup" if told and not self.passes else told
+        text = "; ".join(line for line, far in zip(sentences, self.evidence, strict=True) if far >= bound and far > 0)
+        return f"{text}: this is no speckle of this setup" if text and not self.passes else text
 
     @classmethod
     def of(cls, numbers: "Measured", contrast: tuple[float, float]) -> Self:

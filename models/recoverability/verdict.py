@@ -107,8 +107,8 @@ class Verdict:
     def explain(self) -> str:
         """Verdict, numbers, reasons and remedies, as text."""
         low, high = self.interval
-        said = "works" if self.works else "fails"
-        lines = [f"{said}: success probability {self.probability:.2f} ({low:.2f} to {high:.2f})"]
+        outcome = "works" if self.works else "fails"
+        lines = [f"{outcome}: success probability {self.probability:.2f} ({low:.2f} to {high:.2f})"]
         lines += [f"  {name.replace('_', ' '):22s} {value:.4g}" for name, value in self.numbers.items()]
         for name in self.extrapolates:
             low, high = FITTED[name]
@@ -150,15 +150,15 @@ def logit(found: Residual) -> float:
 
 def judge(conditions: Conditions) -> Verdict:
     """Predict success from the conditions alone."""
-    found = residual(conditions)
-    value = logit(found)
+    errors = residual(conditions)
+    value = logit(errors)
     numbers = {
-        "residual": float(total(found.noise, found.distortion, COEFFICIENTS["distortion_weight"])),
-        "noise": found.noise,
-        "distortion": found.distortion,
-        "complexity": found.complexity,
-        "bright_area": found.bright_area,
-        "window_over_2_cameras": found.window_over_camera,
+        "residual": float(total(errors.noise, errors.distortion, COEFFICIENTS["distortion_weight"])),
+        "noise": errors.noise,
+        "distortion": errors.distortion,
+        "complexity": errors.complexity,
+        "bright_area": errors.bright_area,
+        "window_over_2_cameras": errors.window_over_camera,
         "camera_grains": conditions.camera,
         "object_grains": conditions.side,
         "C_I_across_object": _across(conditions),
@@ -166,7 +166,7 @@ def judge(conditions: Conditions) -> Verdict:
         "electrons_a_grain": conditions.electrons,
         "saturation_over_mean": conditions.saturation,
     }
-    reasons = () if value >= 0 else _reasons(conditions, found)
+    reasons = () if value >= 0 else _reasons(conditions, errors)
     probability, low, high = chances(value)
     return Verdict(probability, (low, high), reasons, MappingProxyType(numbers))
 
@@ -266,14 +266,14 @@ def conditions_of(
         count, between = recipe.dynamics.frames, recipe.frames_correlation(ready)[1:]
         kept = (1 - np.arange(1, count) / count) * between**4
         frames = count / (1 + 2 * float(kept.sum()))
-    found = Conditions(
+    conditions = Conditions(
         objects=objects, object_pitch=pitch / grain, memory_effect=np.concatenate([[1.0], c_i[1:]]),
         camera=pixel / grain * float(np.prod(recipe.camera_shape)) ** 0.5, frames=frames,
         electrons=electrons, saturation=saturation, beam=beam, removal=removal, compensation=compensation,
         profile=recipe.profile,
     )  # fmt: skip
-    ratio = np.array([ready.expected_contrast(each) for each in objects]) / speckle_contrast(found)
-    return found.replace(contrast=min(1.0, float(ratio.mean())))
+    ratio = np.array([ready.expected_contrast(each) for each in objects]) / speckle_contrast(conditions)
+    return conditions.replace(contrast=min(1.0, float(ratio.mean())))
 
 
 def _exposure(recipe: HiddenObject, pixels: float) -> tuple[float, float]:

@@ -69,12 +69,12 @@ def benchmark(
     with Progress(count * len(names)) as progress:
         beside = tuple(BASELINES) if baselines else ()
         limits = Limits(seconds=seconds, gibibytes=gibibytes)
-        found = score(own, baselines=beside, tasks=names, samples=count, progress=progress, limits=limits)
-    found.write(out)
+        results = score(own, baselines=beside, tasks=names, samples=count, progress=progress, limits=limits)
+    results.write(out)
     if as_json:
-        echo_json(found.rows())
+        echo_json(results.rows())
         return
-    typer.echo(found.markdown())
+    typer.echo(results.markdown())
     typer.echo(", ".join(str(out / name) for name in ("results.md", "results.csv", "answers.npz", "card.md")))
 
 
@@ -92,10 +92,10 @@ def _function(text: str) -> Callable[[Any], Any]:
         module = _from_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
     except (ModuleNotFoundError, FileNotFoundError) as error:
         reject("benchmark FUNCTION", "in a file or a module that can be imported", text, f"{error}.")
-    found = getattr(module, name, None)
-    if not callable(found):
-        reject("benchmark FUNCTION", f"a function {name!r} of {place}", found)
-    return found
+    function = getattr(module, name, None)
+    if not callable(function):
+        reject("benchmark FUNCTION", f"a function {name!r} of {place}", function)
+    return function
 
 
 def _from_file(file: Path) -> Any:

@@ -61,7 +61,7 @@ def compare_command(
     obstacles = {sampler.name: sampler.obstacle(scene, probes) for sampler in SAMPLERS}
     left_out = {name: obstacle for name, obstacle in obstacles.items() if obstacle}
     if as_json:
-        told = [
+        runs = [
             {
                 "sampler": row.sampler, "count": row.count, "cpu_seconds": row.cost.cpu_seconds,
                 "wall_seconds": row.cost.wall_seconds, "memory_bytes": row.cost.memory_bytes,
@@ -69,7 +69,7 @@ def compare_command(
             }
             for row in rows
         ]  # fmt: skip
-        echo_json({"runs": told, "left_out": left_out})
+        echo_json({"runs": runs, "left_out": left_out})
     for name, obstacle in left_out.items():
         say(f"{name}: left out: {obstacle}")
     say(

@@ -23,8 +23,8 @@ INTERRUPTED = 130
 
 def _system(error: OSError) -> str:
     files = ": ".join(str(name) for name in (error.filename, error.filename2) if name is not None)
-    said = error.strerror or str(error) or type(error).__name__
-    return f"{said}: {files}" if files else said
+    message = error.strerror or str(error) or type(error).__name__
+    return f"{message}: {files}" if files else message
 
 
 _WORDS: tuple[tuple[type[BaseException], Callable[[Any], str]], ...] = (

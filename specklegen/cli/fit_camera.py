@@ -57,22 +57,22 @@ def fit_camera(
     if len(bright) % 2:
         reject("fit-camera --pairs", "an even number of frames", len(bright), "Two of each light, one after the other.")
     both = [np.stack(bright[n : n + 2]) for n in range(0, len(bright), 2)]
-    found = fit(both, np.stack(_frames("--dark", dark)), bit_depth=bit_depth)
+    camera = fit(both, np.stack(_frames("--dark", dark)), bit_depth=bit_depth)
     if out is not None:
-        out.write_text(found.to_toml(), encoding="utf-8")
+        out.write_text(camera.to_toml(), encoding="utf-8")
     if picture is not None:
-        figure = found.plot().get_figure()
+        figure = camera.plot().get_figure()
         assert figure is not None
         figure.savefig(picture, dpi=120)
     if as_json:
         names = ("gain", "read_noise", "offset", "full_well")
-        errors = {f"{name}_error": getattr(found, f"{name}_error") for name in names}
-        echo_json(found.table | errors | {
-            "chi_squared": found.chi_squared, "degrees": found.degrees, "doubts": found.doubts,
-            "levels": [level._asdict() for level in found.levels],
+        errors = {f"{name}_error": getattr(camera, f"{name}_error") for name in names}
+        echo_json(camera.table | errors | {
+            "chi_squared": camera.chi_squared, "degrees": camera.degrees, "doubts": camera.doubts,
+            "levels": [level._asdict() for level in camera.levels],
         })  # fmt: skip
         return
-    for name, value in found._facts().items():
+    for name, value in camera._facts().items():
         typer.echo(f"{name}: {value}")
     for file in (out, picture):
         if file is not None:

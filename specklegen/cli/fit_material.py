@@ -56,21 +56,21 @@ def fit_material(
     names = tuple(each.strip() for each in free.split(",") if each.strip()) or tuple(
         each for each in ("thickness", "mean_free_path", "g", *(["diffusion"] if movie else [])) if each not in numbers
     )
-    found = fit(observations, wavelength=wavelength, known=numbers, free=names)
+    material = fit(observations, wavelength=wavelength, known=numbers, free=names)
     if out is not None:
-        out.write_text(found.recipe(name), encoding="utf-8")
+        out.write_text(material.recipe(name), encoding="utf-8")
     if picture is not None:
-        figure = found.plot().get_figure()
+        figure = material.plot().get_figure()
         assert figure is not None
         figure.savefig(picture, dpi=120)
     if as_json:
         echo_json({
-            "values": found.values, "intervals": {"0.68": found.interval(0.68), "0.95": found.interval(0.95)},
-            "chi_squared": found.chi_squared, "degrees": found.degrees, "p_value": found.p_value,
-            "degenerate": found.degenerate, "doubts": found.doubts,
+            "values": material.values, "intervals": {"0.68": material.interval(0.68), "0.95": material.interval(0.95)},
+            "chi_squared": material.chi_squared, "degrees": material.degrees, "p_value": material.p_value,
+            "degenerate": material.degenerate, "doubts": material.doubts,
         })  # fmt: skip
         return
-    for key, value in found._facts().items():
+    for key, value in material._facts().items():
         typer.echo(f"{key}: {value}")
     for file in (out, picture):
         if file is not None:

@@ -27,18 +27,18 @@ def fit_setup(
     if picture is not None:
         picture_file("fit-setup --picture", picture)
     shown = None if target is None else read_measurement(target, hot_pixels=False).light[0]
-    found = fit(photographs, dark=black_level(dark), profile=profile, pixel_integration=not points, target=shown,
+    setup = fit(photographs, dark=black_level(dark), profile=profile, pixel_integration=not points, target=shown,
                 target_step=target_step)  # fmt: skip
     if picture is not None:
-        figure = found.plot().get_figure()
+        figure = setup.plot().get_figure()
         assert figure is not None
         figure.savefig(picture, dpi=120)
     if as_json:
         names = ("profile", "grain", "grain_error", "contrast", "contrast_error", "noise", "noise_error", "behind",
                  "p_value", "tiles", "doubts", "range")  # fmt: skip
-        echo_json({name: getattr(found, name) for name in names} | {"intervals": {"0.95": found.interval(0.95)}})
+        echo_json({name: getattr(setup, name) for name in names} | {"intervals": {"0.95": setup.interval(0.95)}})
         return
-    for key, value in found._facts().items():
+    for key, value in setup._facts().items():
         typer.echo(f"{key}: {value}")
     if picture is not None:
         typer.echo(str(picture))

@@ -113,16 +113,16 @@ def evaluate(
     if solver:
         methods |= {"solver for any object": baselines.any_object(load_solver(), loaded, seed)}
     methods |= {name: model.reconstruct for name, model in named.items()}
-    found, cases = evaluation.evaluate(methods, batches_of(loaded, chosen, seed, split), loaded.profile)
-    found.write(out)
+    scores, cases = evaluation.evaluate(methods, batches_of(loaded, chosen, seed, split), loaded.profile)
+    scores.write(out)
     shown = evaluation.best_median_worst(cases, next(iter(named)))
     contact_sheet(shown, out / "cases.png")
     if as_json:
-        echo_json(found.rows())
+        echo_json(scores.rows())
         return
-    typer.echo(found.markdown())
+    typer.echo(scores.markdown())
     if isinstance(loaded.objects, Points):
-        (out / "points.md").write_text(localisation(found, cases))
+        (out / "points.md").write_text(localisation(scores, cases))
         typer.echo((out / "points.md").read_text())
     typer.echo(f"{out / 'summary.md'}, {out / 'summary.csv'}, {out / 'images.csv'}, {out / 'cases.png'}")
 
@@ -157,12 +157,12 @@ def _judge_answers(
         reject("evaluate models", "one at a time where they tell no object", sorted(named))
     writable(out)
     model = next(iter(named.values()))
-    found = (judge_maps if model.target == "contrast" else judge)(model, batches, beside)
-    found.write(out)
+    scores = (judge_maps if model.target == "contrast" else judge)(model, batches, beside)
+    scores.write(out)
     if as_json:
-        echo_json(found.rows())
+        echo_json(scores.rows())
         return
-    typer.echo(found.markdown())
+    typer.echo(scores.markdown())
     typer.echo(f"{out / 'summary.md'}")
 
 

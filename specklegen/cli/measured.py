@@ -41,11 +41,11 @@ def get_measured(
     """Clone the files of a set by git, no others, and hold each against its digest."""
     from specklegen.measured import public_data
 
-    found = public_data(name)
-    folder = found.get(out or Path(name), source)
-    number = counted(len(found.files), "file")
-    typer.echo(f"{folder}: {number} of {found.repository} {found.commit[:7]}, as they should be")
-    if found.licence == "none":
+    data = public_data(name)
+    folder = data.get(out or Path(name), source)
+    number = counted(len(data.files), "file")
+    typer.echo(f"{folder}: {number} of {data.repository} {data.commit[:7]}, as they should be")
+    if data.licence == "none":
         typer.echo("Their authors state no licence: read them here, and hand nothing on.")
     else:
-        typer.echo(f"Licence: {found.licence}.")
+        typer.echo(f"Licence: {data.licence}.")

@@ -80,7 +80,7 @@ def plan(
     loaded.fingerprint()  # reads a folder of pictures: what is wrong with it is said before anything else
     plans = loaded.plans()
     if not as_json:
-        typer.echo("\n\n".join(made.explain() for made in plans) + "\n" if verbose else _in_short(plans))
+        typer.echo("\n\n".join(each.explain() for each in plans) + "\n" if verbose else _in_short(plans))
     from specklegen.datasets.store.estimate import estimate  # with zarr and torch, after the plans are read
 
     count = samples if samples is not None else loaded.length("train")
@@ -89,7 +89,7 @@ def plan(
     rendered = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     memory = rendered + cost["memory"]
     if as_json:
-        echo_json({"plans": [facts(made) for made in plans], "cost": cost | {"samples": count, "memory": memory}})
+        echo_json({"plans": [facts(each) for each in plans], "cost": cost | {"samples": count, "memory": memory}})
         return
     typer.echo(
         f"{counted(count, 'sample')}: about {cost['bytes'] / 2**20:.1f} MiB on disk, {cost['seconds']:.1f} s on "
@@ -99,14 +99,14 @@ def plan(
 
 def _in_short(plans: "list[Plan]") -> str:
     """The one plan in a few lines; of many, at the corners of a recipe's ranges, that of the largest error."""
-    worst = max(plans, key=lambda made: made.expected_error)
+    worst = max(plans, key=lambda each: each.expected_error)
     lines = [worst.summary()]
     if len(plans) > 1:
-        errors = sorted(made.expected_error for made in plans)
-        samplers = " or ".join(sorted({made.sampler for made in plans}))
+        errors = sorted(each.expected_error for each in plans)
+        samplers = " or ".join(sorted({each.sampler for each in plans}))
         span = f"errors {errors[0]:.2g} to {errors[-1]:.2g}"
         lines.insert(0, f"{len(plans)} corners of its ranges: {samplers}, {span}; the last is")
-        elsewhere = {f"Doubtful: {doubt}." for made in plans for doubt in made.doubts} - set(lines[1].split("\n"))
+        elsewhere = {f"Doubtful: {doubt}." for each in plans for doubt in each.doubts} - set(lines[1].split("\n"))
         lines += sorted(elsewhere)
     return "\n".join([*lines, "Why: --verbose."])
 

@@ -301,7 +301,7 @@ def reflectance(
     if not 0 <= angle < 90:
         reject("--angle", "from 0 to below 90 degrees", angle)
     medium = slab(1.0, optical_depth, g, albedo).replace(faces=sg.Faces(inside=index))
-    found = sg.reflectance_transmittance(
+    light = sg.reflectance_transmittance(
         medium, angle=np.deg2rad(angle), paths=paths, rel_error=rel_error, seed=seed
     )  # fmt: skip
     if out is not None:
@@ -309,13 +309,13 @@ def reflectance(
         with out.open("w", newline="", encoding="utf-8") as file:
             table = csv.writer(file)
             table.writerow(["from_deg", "to_deg", "reflected", "error", "transmitted", "error"])
-            columns = found.reflected, found.reflected_error, found.transmitted, found.transmitted_error
-            steps = np.rad2deg(found.angles[:-1]), np.rad2deg(found.angles[1:])
+            columns = light.reflected, light.reflected_error, light.transmitted, light.transmitted_error
+            steps = np.rad2deg(light.angles[:-1]), np.rad2deg(light.angles[1:])
             table.writerows([f"{value:.6g}" for value in row] for row in zip(*steps, *columns, strict=True))
     if as_json:
-        echo_json(dataclasses.asdict(found))
+        echo_json(dataclasses.asdict(light))
         return
-    for name, value in found._facts().items():
+    for name, value in light._facts().items():
         typer.echo(f"{name}: {value:.4g}" if isinstance(value, float) else f"{name}: {value}")
 
 

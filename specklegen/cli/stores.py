@@ -46,13 +46,13 @@ def generate(
     part = _part(shard_range)
     missing = count - (min(describe(out)["done"], count) if is_store(str(out)) else 0)
     if missing > 0 and part[1] > 0 and cluster is None:
-        said = foreseen(loaded, -(-missing // part[1]), out, seed, split, processes=processes, anyway=anyway)
-        if said:
-            typer.echo(said, err=True)
+        report = foreseen(loaded, -(-missing // part[1]), out, seed, split, processes=processes, anyway=anyway)
+        if report:
+            typer.echo(report, err=True)
     begin = time.perf_counter()
     with Progress(count) as progress:
         try:
-            said = fill(
+            report = fill(
                 loaded, seed, split, samples=count, folder=out, processes=processes, shard_range=part,
                 progress=progress, notes=loaded.split_notes(), cluster=cluster,
             )  # fmt: skip
@@ -65,9 +65,9 @@ def generate(
             )
             raise typer.Exit(INTERRUPTED) from None
     took = time.perf_counter() - begin
-    rendered = said["rendered"]
+    rendered = report["rendered"]
     typer.echo(
-        f"{said['done']} of {counted(said['total'], 'sample')} in {out} ({said['bytes'] / 2**20:.1f} MiB); "
+        f"{report['done']} of {counted(report['total'], 'sample')} in {out} ({report['bytes'] / 2**20:.1f} MiB); "
         f"rendered {rendered} in {took:.1f} s" + (f", {_rate(rendered / took)} a second" if rendered else "")
     )
 
@@ -78,10 +78,10 @@ def _rate(rate: float) -> str:
 
 def _part(shard_range: str) -> tuple[int, int]:
     """Numbers of a text I/N."""
-    found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", shard_range)
-    if found is None:
+    numbers = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", shard_range)
+    if numbers is None:
         reject("generate --shard-range", "of the form I/N", shard_range)
-    return int(found[1]), int(found[2])
+    return int(numbers[1]), int(numbers[2])
 
 
 def preview(

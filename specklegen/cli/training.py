@@ -163,12 +163,12 @@ def _model(path: str, asked: dict[str, Any], device: str) -> "Reconstructor":
     """Read the model to start from; refuse options that ask for another kind than it is."""
     from specklegen.models.learning.reconstructor import Reconstructor, load_pretrained
 
-    found = load_pretrained(device) if path == PACKAGED else Reconstructor.load(path, device)
+    model = load_pretrained(device) if path == PACKAGED else Reconstructor.load(path, device)
     usual = {"target": "object", "input": "autocorrelation", "network": "unet", "width": 16}
-    for name, has in _kind_of(found).items():
+    for name, has in _kind_of(model).items():
         if asked[name] not in (usual[name], has):
             reject(f"train --{name}", f"that of the model to start from ({has}), or left out", asked[name])
-    return found
+    return model
 
 
 def _kind_of(model: "Reconstructor") -> dict[str, Any]:
@@ -219,8 +219,8 @@ def rendered_before(out: Path, asked: int) -> int | None:
     import json
 
     try:
-        told = json.loads((out / "run.json").read_bytes())["validation"]
-        return int(told.get("rendered", asked)) if told["samples"] == asked else None
+        validation = json.loads((out / "run.json").read_bytes())["validation"]
+        return int(validation.get("rendered", asked)) if validation["samples"] == asked else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

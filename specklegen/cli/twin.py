@@ -28,20 +28,20 @@ def twin(
 
     if picture is not None:
         picture_file("twin --picture", picture)
-    found = compare(photographs, setup, images=images, envelope=envelope, dark=black_level(dark),
-                    pixel_integration=not points, seed=seed)  # fmt: skip
+    comparison = compare(photographs, setup, images=images, envelope=envelope, dark=black_level(dark),
+                         pixel_integration=not points, seed=seed)  # fmt: skip
     if out is not None:
-        out.write_text(found.recipe, encoding="utf-8")
+        out.write_text(comparison.recipe, encoding="utf-8")
     if picture is not None:
-        figure = found.plot().get_figure()
+        figure = comparison.plot().get_figure()
         assert figure is not None
         figure.savefig(picture, dpi=120)
     if as_json:
         names = ("verdict", "p_value", "images", "simulated", "recipe", "assumed", "doubts")
-        groups = [each._asdict() for each in found.compared]
-        echo_json({name: getattr(found, name) for name in names} | {"compared": groups})
+        groups = [each._asdict() for each in comparison.compared]
+        echo_json({name: getattr(comparison, name) for name in names} | {"compared": groups})
         return
-    for key, value in found._facts().items():
+    for key, value in comparison._facts().items():
         typer.echo(f"{key}: {value}")
     for written in (out, picture):
         if written is not None:

@@ -148,19 +148,19 @@ def state_of(address: Mapping[str, str]) -> State:
 
 def read(address: Mapping[str, str]) -> tuple[State, tuple[str, ...]]:
     """State that an address holds, and a sentence for each word of it that is not shown as it was asked for."""
-    found, said, begins = {}, [], State()._asdict()
+    chosen, remarks, begins = {}, [], State()._asdict()
     for name, text in address.items():
         if name not in CONTROLS:
-            said.append(f"{name}: no control has that name; it is left out. Names are {', '.join(CONTROLS)}.")
+            remarks.append(f"{name}: no control has that name; it is left out. Names are {', '.join(CONTROLS)}.")
             continue
         control = CONTROLS[name]
         step, rule = _read(text, control.steps)
         if rule is not None:
             instead = _written(begins[name] if step is None else step)
-            said.append(f"{name} must be {rule}; got {text}. Shown is {instead}.")
+            remarks.append(f"{name} must be {rule}; got {text}. Shown is {instead}.")
         if step is not None:
-            found[name] = step
-    return State()._replace(**found), tuple(said)
+            chosen[name] = step
+    return State()._replace(**chosen), tuple(remarks)
 
 
 def _read(text: str, steps: tuple) -> tuple[Any, str | None]:

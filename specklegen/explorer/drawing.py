@@ -41,11 +41,11 @@ def sheet(images: np.ndarray, columns: int = 8) -> np.ndarray:
     """Images real[n, H, W] side by side, a dark line between them."""
     count, rows, across = images.shape
     lines = -(-count // columns)
-    made = np.zeros((lines * (rows + 1) - 1, columns * (across + 1) - 1))
+    canvas = np.zeros((lines * (rows + 1) - 1, columns * (across + 1) - 1))
     for n, image in enumerate(images):
         top, left = n // columns * (rows + 1), n % columns * (across + 1)
-        made[top : top + rows, left : left + across] = image
-    return made
+        canvas[top : top + rows, left : left + across] = image
+    return canvas
 
 
 def picture(data: bytes, name: str) -> str:
@@ -74,8 +74,8 @@ def ticks(last: float) -> np.ndarray:
 
 def curve_svg(curve: Curve) -> str:
     """C_I over the angle as SVG, the object as a band, the range as a dashed line."""
-    said = "memory effect", "angle inside the medium, mrad"
-    return _svg(curve.angles, curve.c_i, said, dashed=curve.range, band=curve.extent)
+    labels = "memory effect", "angle inside the medium, mrad"
+    return _svg(curve.angles, curve.c_i, labels, dashed=curve.range, band=curve.extent)
 
 
 def forgetting_svg(curve: Moved, lag: float) -> str:
@@ -125,7 +125,7 @@ def verdict_html(found: Verdict) -> str:
     beyond = "".join(f" Caution: {name} is outside of what this was fitted on." for name in found.extrapolates)
     low, high = found.interval
     chance = f"probability {found.probability:.2f} ({low:.2f} to {high:.2f})"
-    said = f"<p><strong>Phase retrieval {word}</strong>, {chance}.{beyond}</p>"
+    sentence = f"<p><strong>Phase retrieval {word}</strong>, {chance}.{beyond}</p>"
     noise, distortion = found.numbers["noise"], found.numbers["distortion"]
     errors = f"<p>Relative errors of the measured Fourier modulus: noise {noise:.2g}, distortion {distortion:.2g}.</p>"
-    return f"{said}{errors}<ul>{reasons}</ul>"
+    return f"{sentence}{errors}<ul>{reasons}</ul>"

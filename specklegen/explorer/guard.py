@@ -30,8 +30,8 @@ def guarded(program: Program) -> Program:
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
         else:
-            said = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
-            await send({"type": "http.response.start", "status": status, "headers": said})
+            headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
+            await send({"type": "http.response.start", "status": status, "headers": headers})
             await send({"type": "http.response.body", "body": b"The explorer answers pages of its own machine only.\n"})
 
     return guard
@@ -51,8 +51,8 @@ def refusal(headers: Iterable[tuple[bytes, bytes]]) -> int | None:
     >>> refusal([(b"host", b"localhost:2718"), (b"origin", b"http://elsewhere.example")])
     403
     """
-    said = [(name.lower(), value.decode("latin-1").strip().lower()) for name, value in headers]
-    hosts, origins = ([value for name, value in said if name == each] for each in (b"host", b"origin"))
+    decoded = [(name.lower(), value.decode("latin-1").strip().lower()) for name, value in headers]
+    hosts, origins = ([value for name, value in decoded if name == each] for each in (b"host", b"origin"))
     if len(hosts) != 1 or OWN_HOST.fullmatch(hosts[0]) is None:
         return 421
     return None if all(origin in (f"http://{hosts[0]}", f"https://{hosts[0]}") for origin in origins) else 403

@@ -62,8 +62,8 @@ def coming(state: State, before: dict[str, str]) -> Iterator[str]:
     late = {each.title: f'<div class="sg-late">{before.get(each.title, "...")}</div>' for each in panels}
     for title, _, body, _ in panels:
         before[title] = late[title] = _said(body, state)
-        made = "".join(drawing.panel(each.title, late[each.title], each.wide) for each in panels)
-        yield f'<div class="sg-panels">{made}</div>'
+        markup = "".join(drawing.panel(each.title, late[each.title], each.wide) for each in panels)
+        yield f'<div class="sg-panels">{markup}</div>'
 
 
 def of_objects(state: State) -> bool:
@@ -73,12 +73,12 @@ def of_objects(state: State) -> bool:
 
 def sixteen(state: State) -> tuple[str, bytes]:
     """Sixteen samples: their images as a panel, and all their arrays as the bytes of an NPZ file."""
-    found = shown.sixteen(state)
+    samples = shown.sixteen(state)
     out = io.BytesIO()
-    np.savez_compressed(out, image=found.images, object=found.objects)
-    sheets = {"sixteen camera images": found.images, "their objects": found.objects}
+    np.savez_compressed(out, image=samples.images, object=samples.objects)
+    sheets = {"sixteen camera images": samples.images, "their objects": samples.objects}
     pictures = (drawing.picture(drawing.png(drawing.sheet(each)), name) for name, each in sheets.items())
-    body = f"<p>{found.rate:.3g} samples a second, on this machine as busy as it was.</p>" + "".join(pictures)
+    body = f"<p>{samples.rate:.3g} samples a second, on this machine as busy as it was.</p>" + "".join(pictures)
     return f'<div class="sg-panels">{drawing.panel("Sixteen samples", body, True)}</div>', out.getvalue()
 
 
@@ -99,32 +99,32 @@ def _camera(state: State) -> str:
 
 
 def _tilt(state: State) -> str:
-    found = shown.tilted(state)
-    high = float(np.percentile(found.images, 99.5))
-    before, after = (drawing.png(image, high=high) for image in found.images)
+    tilted = shown.tilted(state)
+    high = float(np.percentile(tilted.images, 99.5))
+    before, after = (drawing.png(image, high=high) for image in tilted.images)
     return drawing.row(
         drawing.picture(before, "speckle before") + "before",
         drawing.picture(after, "speckle after") + f"after {state.tilt:g} mrad",
     ) + (
-        f"<p>One beam, no object. The pattern moves by {found.shift:.3g} pixels to the right; "
-        f"moved back, it correlates by C<sub>I</sub> = {found.correlation:.2f}.</p>"
+        f"<p>One beam, no object. The pattern moves by {tilted.shift:.3g} pixels to the right; "
+        f"moved back, it correlates by C<sub>I</sub> = {tilted.correlation:.2f}.</p>"
     )
 
 
 def _moved(state: State) -> str:
-    found = shown.moved(state)
-    high = float(np.percentile(found.images, 99.5))
-    now, then = (drawing.png(image, high=high) for image in found.images)
-    half = f"half way to its floor after {found.fallen:.3g} ms" if np.isfinite(found.fallen) else "still for ever"
+    moved = shown.moved(state)
+    high = float(np.percentile(moved.images, 99.5))
+    now, then = (drawing.png(image, high=high) for image in moved.images)
+    half = f"half way to its floor after {moved.fallen:.3g} ms" if np.isfinite(moved.fallen) else "still for ever"
     return (
         drawing.row(
             drawing.picture(now, "frame at first") + "at first",
             drawing.picture(then, "frame after the lag") + f"after {state.lag:g} ms",
         )
-        + drawing.forgetting_svg(found, state.lag)
+        + drawing.forgetting_svg(moved, state.lag)
         + (
             f"<p>|g<sub>1</sub>|² of one beam's speckle, {half}; the lag is the dashed line, where it is "
-            f"{found.correlation:.2f}. {_moving(state)}</p>"
+            f"{moved.correlation:.2f}. {_moving(state)}</p>"
         )
     )
 
@@ -137,12 +137,12 @@ def _moving(state: State) -> str:
 
 
 def _analysed(state: State) -> str:
-    found = shown.analysed(state)
+    analysed = shown.analysed(state)
     pictures = (
         drawing.picture(drawing.png(image), f"image behind the analyser {name}") + f"{name}: {share:.1%} of the light"
-        for image, name, share in zip(found.images, recipe.ANALYSERS[state.analysers], found.shares, strict=True)
+        for image, name, share in zip(analysed.images, recipe.ANALYSERS[state.analysers], analysed.shares, strict=True)
     )
-    degree = found.shares[0] - found.shares[1]
+    degree = analysed.shares[0] - analysed.shares[1]
     return (
         drawing.row(*pictures)
         + f"<p>One object in {state.analysers} light, particles of low contrast. What comes out has a degree of "
@@ -151,44 +151,44 @@ def _analysed(state: State) -> str:
 
 
 def _lens(state: State) -> str:
-    found = shown.focused(state)
-    high = float(np.percentile(found.images, 99.5))
-    said = "on the face", f"{abs(state.focus):g} µm {'behind' if state.focus > 0 else 'inside'} it"
+    focused = shown.focused(state)
+    high = float(np.percentile(focused.images, 99.5))
+    labels = "on the face", f"{abs(state.focus):g} µm {'behind' if state.focus > 0 else 'inside'} it"
     pictures = (
         drawing.picture(drawing.png(image, high=high), f"image {where}") + where
-        for image, where in zip(found.images, said, strict=False)
+        for image, where in zip(focused.images, labels, strict=False)
     )
     return drawing.row(*pictures) + (
-        f"<p>A square of {recipe.SPOT:g} µm is lit on the other side. The camera sees {found.field:.3g} µm, "
-        f"in grains of {found.grain:.3g} µm.</p>"
+        f"<p>A square of {recipe.SPOT:g} µm is lit on the other side. The camera sees {focused.field:.3g} µm, "
+        f"in grains of {focused.grain:.3g} µm.</p>"
     )
 
 
 def _lags(state: State) -> str:
-    found = shown.autocorrelations(state)
+    lags = shown.autocorrelations(state)
     return drawing.row(
-        drawing.picture(drawing.png(found.image, high=0.7), "autocorrelation of the image") + "of the image",
-        drawing.picture(drawing.png(found.object, high=0.7), "autocorrelation of the object") + "of the object",
+        drawing.picture(drawing.png(lags.image, high=0.7), "autocorrelation of the image") + "of the image",
+        drawing.picture(drawing.png(lags.object, high=0.7), "autocorrelation of the object") + "of the object",
     )
 
 
 def _curve(state: State) -> str:
-    found = shown.memory_curve(state)
-    half = f"half way to its floor at {found.range:.3g} mrad" if np.isfinite(found.range) else "without a range"
-    return drawing.curve_svg(found) + (
-        f"<p>C<sub>I</sub>, {half}; the object (band) is {found.extent:.4g} mrad wide, and between its ends "
-        f"C<sub>I</sub> = {found.across:.2f}.</p>"
+    curve = shown.memory_curve(state)
+    half = f"half way to its floor at {curve.range:.3g} mrad" if np.isfinite(curve.range) else "without a range"
+    return drawing.curve_svg(curve) + (
+        f"<p>C<sub>I</sub>, {half}; the object (band) is {curve.extent:.4g} mrad wide, and between its ends "
+        f"C<sub>I</sub> = {curve.across:.2f}.</p>"
     )
 
 
 def _katz(state: State) -> str:
-    found = shown.retrieved(state)
+    estimate = shown.retrieved(state)
     return drawing.row(
-        drawing.picture(drawing.png(found.image), "phase retrieval") + "phase retrieval",
+        drawing.picture(drawing.png(estimate.image), "phase retrieval") + "phase retrieval",
         drawing.picture(drawing.png(shown.sample(state)["object"], high=1.0), "the object") + "the object",
     ) + (
-        f"<p>After the best shift and turn, Pearson correlation {found.correlation:.2f}; to the object as a lens of "
-        f"this aperture would show it, {found.limited:.2f}.</p>"
+        f"<p>After the best shift and turn, Pearson correlation {estimate.correlation:.2f}; to the object as a lens of "
+        f"this aperture would show it, {estimate.limited:.2f}.</p>"
     )
 
 

@@ -61,10 +61,10 @@ def sample(state: State) -> dict[str, Any]:
 def doubts(state: State) -> tuple[str, ...]:
     """What the planner doubts about rendering this quickly, in its words."""
     recipe = recipe_of(state).replace(name="explored")  # plans anew: a recipe warns once
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoubtWarning)
         recipe.rendering  # noqa: B018 - looked at for what it says
-    return tuple(dict.fromkeys(str(each.message) for each in said if issubclass(each.category, DoubtWarning)))
+    return tuple(dict.fromkeys(str(each.message) for each in caught if issubclass(each.category, DoubtWarning)))
 
 
 class Tilted(NamedTuple):
@@ -90,9 +90,9 @@ def tilted(state: State) -> Tilted:
     recipe = tilts_of(state)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoubtWarning)
-        found = recipe.sample(SEED, SPLIT, state.sample)
-    sine = float(np.sin(found["tilts"][1, 0]))
-    return Tilted(np.asarray(found["stack"]), sine / recipe.geometry.grid.pitch, float(c_i(state, np.array([sine]))[0]))
+        drawn = recipe.sample(SEED, SPLIT, state.sample)
+    sine = float(np.sin(drawn["tilts"][1, 0]))
+    return Tilted(np.asarray(drawn["stack"]), sine / recipe.geometry.grid.pitch, float(c_i(state, np.array([sine]))[0]))
 
 
 class Moved(NamedTuple):
@@ -181,9 +181,11 @@ def analysed(state: State) -> Analysed:
     """Two images of one object by the projector model, of a kernel of its own behind each analyser."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoubtWarning)
-        found = analysed_of(state).sample(SEED, SPLIT, state.sample)
-    told = found["parameters"]
-    return Analysed(np.asarray(found["stack"]), (float(told["analyser_share_0"]), float(told["analyser_share_1"])))
+        drawn = analysed_of(state).sample(SEED, SPLIT, state.sample)
+    parameters = drawn["parameters"]
+    return Analysed(
+        np.asarray(drawn["stack"]), (float(parameters["analyser_share_0"]), float(parameters["analyser_share_1"]))
+    )
 
 
 class Focused(NamedTuple):
@@ -303,9 +305,9 @@ def retrieved(state: State) -> Retrieved:
     batch = tensors({name: np.asarray(value)[None] if name != "parameters" else
                      {key: np.array([number]) for key, number in value.items()}
                      for name, value in sample(state).items()})  # fmt: skip
-    made = katz(_RETRIEVAL, recipe=recipe, seed=SEED)(batch)
+    reconstructed = katz(_RETRIEVAL, recipe=recipe, seed=SEED)(batch)
     truths = targets_of(batch, recipe.profile)
-    moved = {name: aligned_to(made, truth, (SIDE, SIDE)) for name, truth in truths.items()}
+    moved = {name: aligned_to(reconstructed, truth, (SIDE, SIDE)) for name, truth in truths.items()}
     scores = {name: float(pearson(moved[name], truth[..., :SIDE, :SIDE])[0]) for name, truth in truths.items()}
     return Retrieved(moved["sharp"][0].numpy(), scores["sharp"], scores["diffraction-limited"])
 
@@ -339,5 +341,5 @@ def sixteen(state: State) -> Sixteen:
     recipe = recipe_of(state)
     sample(state)
     begun = time.perf_counter()
-    made = recipe.batch(SEED, SPLIT, range(SIXTEEN))
-    return Sixteen(made["image"], made["object"], SIXTEEN / (time.perf_counter() - begun))
+    batch = recipe.batch(SEED, SPLIT, range(SIXTEEN))
+    return Sixteen(batch["image"], batch["object"], SIXTEEN / (time.perf_counter() - begun))

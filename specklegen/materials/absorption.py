@@ -89,4 +89,4 @@ def of_tissue(
         (blood_share, lambda: blood(wavelength, oxygenation)), (water_share, lambda: water(wavelength)),
         (fat_share, lambda: fat(wavelength)), (melanin_share, lambda: melanosome(wavelength)),
     )  # fmt: skip
-    return float(sum(share * made() for share, made in parts if share > 0))
+    return float(sum(share * absorption() for share, absorption in parts if share > 0))

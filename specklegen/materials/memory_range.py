@@ -129,10 +129,10 @@ def memory_range(
     lobes = about(name).lobes if lobe is None else ()
 
     def value(index: float | None, family: str | None = lobe, moved: Mapping[str, float] | None = None) -> float:
-        made = get(name, wavelength, unit=unit, lobe=family, **(numbers | dict(moved or {})))
-        if not isinstance(made, BulkMaterial):
+        material = get(name, wavelength, unit=unit, lobe=family, **(numbers | dict(moved or {})))
+        if not isinstance(material, BulkMaterial):
             reject("materials.memory_range name", "a bulk", name, "One thin medium has no range: docs/screens.md.")
-        return _half_range(made.slab(thickness, index), paths)
+        return _half_range(material.slab(thickness, index), paths)
 
     rng = np.random.default_rng(stream_key(seed, Stream.MATERIALS))
     moved = [

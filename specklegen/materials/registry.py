@@ -103,16 +103,16 @@ def get(
     given = {field: number.default for field, number in preset.left_open(numbers).items()} | numbers
     micrometre = 1e-6 / unit
     family = {} if lobe is None else {"lobe": known_lobe(name, lobe)}
-    made = preset.make(wavelength, micrometre, **given, **family)
-    if isinstance(made, GroundGlass):
-        return made
-    extinction = made.scattering + made.absorption
+    material = preset.make(wavelength, micrometre, **given, **family)
+    if isinstance(material, GroundGlass):
+        return material
+    extinction = material.scattering + material.absorption
     if not extinction > 0:
         reject(f"materials.get({name!r})", "given numbers that scatter light", given)
     return BulkMaterial(
-        name=name, scatterer=made.scatterer, mean_free_path=micrometre / extinction,
-        albedo=made.scattering / extinction, refractive_index=made.refractive_index,
-        wavelength=wavelength * micrometre / made.refractive_index,
+        name=name, scatterer=material.scatterer, mean_free_path=micrometre / extinction,
+        albedo=material.scattering / extinction, refractive_index=material.refractive_index,
+        wavelength=wavelength * micrometre / material.refractive_index,
     )  # fmt: skip
 
 

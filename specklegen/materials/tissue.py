@@ -37,9 +37,9 @@ def make(
 def _absorbing(numbers: Mapping[str, Number]) -> Mapping[str, Number]:
     """Add the absorption to the numbers of a tissue."""
     parts = tuple(name for name in _PARTS if name in numbers)
-    told = f"that of {', '.join(name for name in parts if name != 'oxygenation')} and water"
+    description = f"that of {', '.join(name for name in parts if name != 'oxygenation')} and water"
     return dict(numbers) | {
-        "absorption": Number(None, 0.0, float("inf"), "1 / mm", told, "The tables of data/absorption.txt",
+        "absorption": Number(None, 0.0, float("inf"), "1 / mm", description, "The tables of data/absorption.txt",
                              Checked.SECOND_HAND, band=FAT_BAND if "fat" in parts else BAND, computed_from=parts),
     }  # fmt: skip
 

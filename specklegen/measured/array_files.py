@@ -54,17 +54,17 @@ def _opened(path: Path) -> Any:
 
 def _sets(file: Any) -> dict[str, Any]:
     """Data sets of numbers by name; links to other files are not followed."""
-    found: dict[str, Any] = {}
+    sets: dict[str, Any] = {}
 
     def add(name: str, item: Any) -> None:
         kind = item.attrs.get("MATLAB_class")
         text = kind.decode() if isinstance(kind, bytes) else kind
         if getattr(item, "dtype", None) is not None and not name.startswith("#") and text in (None, *_NUMERIC):
             if item.dtype.kind in "buif" and not item.external:
-                found[name] = item
+                sets[name] = item
 
     file.visititems(add)
-    return found
+    return sets
 
 
 def _read(sets: Mapping[str, Any], variable: str | None) -> np.ndarray:
@@ -75,13 +75,13 @@ def _chosen(shapes: Mapping[str, tuple[int, ...]], variable: str | None) -> str:
     """Name of the array to read: the one that is asked for, or the only one that can be frames."""
     fit = {name: shape for name, shape in shapes.items() if len(shape) in (2, 3) and min(shape) > 0 and max(shape) > 1}
     fit = {name: shape for name, shape in fit.items() if min(sorted(shape)[-2:]) > 1}  # no scalar and no list
-    told = ", ".join(f"{name} {' x '.join(map(str, shape))}" for name, shape in list(fit.items())[:8])
+    names = ", ".join(f"{name} {' x '.join(map(str, shape))}" for name, shape in list(fit.items())[:8])
     if variable is None:
         if len(fit) != 1:
-            raise ValueError(f"name one array by variable=, it has {told}" if fit else "it holds no frames of numbers")
+            raise ValueError(f"name one array by variable=, it has {names}" if fit else "it holds no frames of numbers")
         variable = next(iter(fit))
     if variable not in fit:
-        raise ValueError(f'it has no frames of the name "{variable}"' + (f", but {told}" if fit else ""))
+        raise ValueError(f'it has no frames of the name "{variable}"' + (f", but {names}" if fit else ""))
     if prod(fit[variable]) > MOST_PIXELS:
         raise ValueError(f"it has {prod(fit[variable])} pixels, more than {MOST_PIXELS}")
     return variable

@@ -54,14 +54,14 @@ class PublicData:
 
     def broken(self, folder: str | Path) -> dict[str, str]:
         """Files that a clone lacks, or has with another content: why, by path. Empty where all is as it should be."""
-        found = {}
+        faults = {}
         for name, digest in self.files.items():
             path = Path(folder) / name
             if not path.is_file():
-                found[name] = "is not there"
+                faults[name] = "is not there"
             elif _digest(path) != digest:
-                found[name] = "has another content than in the commit"
-        return found
+                faults[name] = "has another content than in the commit"
+        return faults
 
     def get(self, folder: str | Path, source: str | None = None) -> Path:
         """Clone the files of the set into a folder, unless they are there, and check their digests.
@@ -97,8 +97,8 @@ class PublicData:
 
 @lru_cache(1)
 def _catalogue() -> dict[str, PublicData]:
-    told = json.loads((files("specklegen.measured") / "public_data.json").read_text(encoding="utf-8"))
-    return {each["name"]: PublicData(**each) for each in told}
+    entries = json.loads((files("specklegen.measured") / "public_data.json").read_text(encoding="utf-8"))
+    return {each["name"]: PublicData(**each) for each in entries}
 
 
 def public_data_names() -> tuple[str, ...]:
@@ -153,5 +153,5 @@ def _git(*words: str) -> None:
     except subprocess.TimeoutExpired:
         reject("measured get", f"done in {_PATIENCE} seconds", "no end", "Try again, or give a clone by --source.")
     if done.returncode:
-        told = done.stderr.strip().splitlines() or [f"status {done.returncode}"]
-        reject("measured get", "a repository that git can clone", told[-1], "Give another clone by --source.")
+        lines = done.stderr.strip().splitlines() or [f"status {done.returncode}"]
+        reject("measured get", "a repository that git can clone", lines[-1], "Give another clone by --source.")

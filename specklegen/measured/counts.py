@@ -65,13 +65,13 @@ def found_range(raw: np.ndarray, bit_depth: int | None, field: str) -> Range:
     if highest + 1 == 2**needed and needed in DEPTHS and numbers[-1] > 1:
         return Range(step, needed, float(values[-1]), tuple(assumed), ())
     bits = 8 if raw.dtype.itemsize == 1 and step == 1 else next((depth for depth in DEPTHS if depth >= needed), None)
-    told = f"no count reaches the end of the range: {bits} bits are the fewest that hold {highest}, not measured"
+    basis = f"no count reaches the end of the range: {bits} bits are the fewest that hold {highest}, not measured"
     if bits == 8 and raw.dtype.itemsize == 1:
-        told = "8 bits, by the type of the file"
+        basis = "8 bits, by the type of the file"
     if _piled(values, numbers, float(step)):
         doubt = f"pixels pile up at {int(values[-1])}, which is not the end of {bits} bits: taken for saturation"
-        return Range(step, bits, float(values[-1]), (*assumed, told), (doubt,))
-    return Range(step, bits, None, (*assumed, told if bits else "counts of more than 16 bits: no converter's"), ())
+        return Range(step, bits, float(values[-1]), (*assumed, basis), (doubt,))
+    return Range(step, bits, None, (*assumed, basis if bits else "counts of more than 16 bits: no converter's"), ())
 
 
 def _histogram(raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -105,8 +105,8 @@ def _blocks(light: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, ...]:
         for pixels, edge in zip(light.shape, edges, strict=True)
     )
     places = np.nonzero(enough)
-    found = number[enough]
-    return y[places[0]], x[places[1]], light_sum[enough] / found, found / found.mean(), np.stack(places)
+    counts = number[enough]
+    return y[places[0]], x[places[1]], light_sum[enough] / counts, counts / counts.mean(), np.stack(places)
 
 
 def _fit(y: np.ndarray, x: np.ndarray, means: np.ndarray, weights: np.ndarray, order: int) -> _Fit:
@@ -115,18 +115,18 @@ def _fit(y: np.ndarray, x: np.ndarray, means: np.ndarray, weights: np.ndarray, o
     design = legvander2d(y, x, (order, order))[:, kept.ravel()]
     root = np.sqrt(weights)[:, None]
     inverse = np.linalg.pinv(design * root)
-    found = inverse @ (root[:, 0] * np.log(means))
+    solution = inverse @ (root[:, 0] * np.log(means))
     for _ in range(_STEPS):
-        residual = means * np.exp(-design @ found) - 1
+        residual = means * np.exp(-design @ solution) - 1
         step = inverse @ (root[:, 0] * residual)
         step *= min(1.0, 1 / max(1e-300, np.abs(design @ step).max()))
-        found = found + step
+        solution = solution + step
         if np.abs(step).max() < 1e-10:
             break
-    mean = np.exp(design @ found)
+    mean = np.exp(design @ solution)
     ratio = means / mean
     coefficients = np.zeros((order + 1, order + 1))
-    coefficients[kept] = found
+    coefficients[kept] = solution
     return _Fit(coefficients, mean, float(2 * (weights * (ratio - 1 - np.log(ratio))).sum()))
 
 

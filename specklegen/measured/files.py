@@ -53,11 +53,11 @@ def read_raw(field: str, source: Source, variable: str | None = None) -> Raw:
     files = [file for each in named for file in _files(field, os.fspath(each), notes)]
     frames: list[np.ndarray] = []
     for file in files:
-        found = _read(field, file, variable)
-        if frames and found.shape[1:] != frames[0].shape[1:]:
-            shapes = f"{frames[0].shape[1:]} in {files[0]} and {found.shape[1:]} in {file}"
+        stack = _read(field, file, variable)
+        if frames and stack.shape[1:] != frames[0].shape[1:]:
+            shapes = f"{frames[0].shape[1:]} in {files[0]} and {stack.shape[1:]} in {file}"
             reject(field, "frames of one size", shapes, "Name those that belong together, as folder/light_*.tif.")
-        frames.append(found)
+        frames.append(stack)
         if sum(each.size for each in frames) > MOST_PIXELS:
             reject(field, f"of at most {MOST_PIXELS} pixels in all", str(file), "Give fewer frames at a time.")
     return Raw(_in_range(field, np.concatenate(frames)), tuple(map(str, files)), tuple(notes))
@@ -69,19 +69,19 @@ def _files(field: str, name: str, notes: list[str]) -> list[Path]:
     try:
         if path.is_dir():
             inside = [each for each in path.iterdir() if each.is_file() and not each.name.startswith(".")]
-            found = [each for each in inside if each.suffix.lower() in FRAME_FILES]
-            if found and len(found) < len(inside):
+            paths = [each for each in inside if each.suffix.lower() in FRAME_FILES]
+            if paths and len(paths) < len(inside):
                 notes.append(
-                    f"{counted(len(inside) - len(found), 'file')} of {path} left out by the ending of the name"
+                    f"{counted(len(inside) - len(paths), 'file')} of {path} left out by the ending of the name"
                 )
         else:
-            found = [path] if path.exists() else [Path(each) for each in glob.glob(name)]
+            paths = [path] if path.exists() else [Path(each) for each in glob.glob(name)]
     except (OSError, ValueError, re.error) as error:  # names too long, or with a zero in them
         reject(field, "a file, a folder or a pattern", name, f"{error}.")
-    if not found:
+    if not paths:
         remedy = f"A folder holds frames as {', '.join(FRAME_FILES)}." if path.is_dir() else "Check the path."
         reject(field, "a file, a folder or a pattern with frames", name, remedy)
-    return sorted(found, key=lambda file: [int(p) if p.isdecimal() else p for p in re.split(r"(\d+)", str(file))])
+    return sorted(paths, key=lambda file: [int(p) if p.isdecimal() else p for p in re.split(r"(\d+)", str(file))])
 
 
 def _read(field: str, file: Path, variable: str | None) -> np.ndarray:
@@ -108,9 +108,9 @@ def _in_range(field: str, frames: np.ndarray) -> np.ndarray:
 
 def _array(field: str, source: object) -> np.ndarray:
     try:
-        found = np.asarray(source)
+        array = np.asarray(source)
     except (TypeError, ValueError, OverflowError, RuntimeError):  # the last of torch, of what has gradients
         reject(field, "files, or an array of numbers", type(source).__name__)
-    if found.dtype.kind not in "buif" or found.ndim not in (2, 3) or not found.size:
-        reject(field, "files, or an array of real numbers [h, w] or [n, h, w]", f"{found.dtype} of {found.shape}")
-    return found[None] if found.ndim == 2 else found
+    if array.dtype.kind not in "buif" or array.ndim not in (2, 3) or not array.size:
+        reject(field, "files, or an array of real numbers [h, w] or [n, h, w]", f"{array.dtype} of {array.shape}")
+    return array[None] if array.ndim == 2 else array

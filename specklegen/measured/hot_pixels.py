@@ -35,11 +35,11 @@ def hot_among_neighbours(light: np.ndarray) -> np.ndarray:
     light = light.astype(np.float64)
     for _ in range(_PASSES):
         step, predicted = _step(light)
-        found = (step > 1) & (step == maximum_filter(step, _WIDE, mode="reflect")) & ~hot
-        if not found.any():
+        peaks = (step > 1) & (step == maximum_filter(step, _WIDE, mode="reflect")) & ~hot
+        if not peaks.any():
             break
-        hot |= found  # what it did to its neighbours' predictions is gone in the next pass
-        light = np.where(found, predicted, light)
+        hot |= peaks  # what it did to its neighbours' predictions is gone in the next pass
+        light = np.where(peaks, predicted, light)
     return hot
 
 

@@ -84,11 +84,11 @@ class Measurement(Pictured):
 
     def explain(self) -> str:
         """Say what was read, found, assumed and doubted, a line each."""
-        told = [f"{name}: {value}" for name, value in self._numbers().items()]
+        numbers = [f"{name}: {value}" for name, value in self._numbers().items()]
         lists = [
             f"{word}: {line}" for word, lines in (("assumed", self.assumed), ("doubt", self.doubts)) for line in lines
         ]
-        return "\n".join(told + lists)
+        return "\n".join(numbers + lists)
 
     def __repr__(self) -> str:
         frames, height, width = self.light.shape
@@ -191,9 +191,9 @@ def read_measurement(
     if not good.any():
         reject(f"{_FIELD} source", "frames with finite numbers", "a frame without")
     assumed, doubts = list(read.notes), []
-    found = found_range(raw, bit_depth, _FIELD)
-    assumed += found.assumed
-    doubts += found.doubts
+    converter = found_range(raw, bit_depth, _FIELD)
+    assumed += converter.assumed
+    doubts += converter.doubts
     if not good.all():
         doubts.append(f"{counted(int((~good).sum()), 'pixel')} not finite: left out")
     named = [file for file in read.files if any(word in file.lower().rpartition("/")[2] for word in _NOT_LIGHT)]
@@ -223,7 +223,7 @@ def read_measurement(
     light = filled(light, good)
     if not light[:, good].mean() > 0:
         reject(f"{_FIELD} source", "brighter than the black level", float(light[:, good].mean()))
-    saturated = 0.0 if found.largest is None else float((raw[:, good] >= found.largest).mean())
+    saturated = 0.0 if converter.largest is None else float((raw[:, good] >= converter.largest).mean())
     at_zero = float((raw[:, good] <= 0).mean())
     doubts += [
         f"{100 * share:.2g} % of pixels {what}" for share, what in (
@@ -233,7 +233,7 @@ def read_measurement(
     ]  # fmt: skip
     shape_of_light, order, error = _envelope(envelope, light, good, kept, shape, assumed)
     return Measurement(
-        light, good, shape_of_light, order, error, kept, found.bit_depth, found.largest, saturated, at_zero,
+        light, good, shape_of_light, order, error, kept, converter.bit_depth, converter.largest, saturated, at_zero,
         int(hot.sum()), read.files, tuple(assumed), tuple(doubts),
     )  # fmt: skip
 
@@ -255,12 +255,12 @@ def _numbers(frames: int | slice | Sequence[int], total: int) -> np.ndarray:
 
 def _mean_of(what: str, source: Source, shape: tuple[int, ...]) -> np.ndarray:
     """Frames[n, h, w], finite, of the shape of those of the light."""
-    found = read_raw(f"{_FIELD} {what}", source).frames
-    if found.shape[1:] != shape:
-        reject(f"{_FIELD} {what}", f"of {shape[0]} x {shape[1]} pixels, as the frames", found.shape[1:])
-    if not np.isfinite(found).all():
-        reject(f"{_FIELD} {what}", "finite everywhere", f"{int((~np.isfinite(found)).sum())} pixels that are not")
-    return found.astype(np.float64)
+    frames = read_raw(f"{_FIELD} {what}", source).frames
+    if frames.shape[1:] != shape:
+        reject(f"{_FIELD} {what}", f"of {shape[0]} x {shape[1]} pixels, as the frames", frames.shape[1:])
+    if not np.isfinite(frames).all():
+        reject(f"{_FIELD} {what}", "finite everywhere", f"{int((~np.isfinite(frames)).sum())} pixels that are not")
+    return frames.astype(np.float64)
 
 
 def _black(
@@ -311,9 +311,9 @@ def _envelope(
     if given is None:
         return None, None, None
     if isinstance(given, str) and given == "fit":
-        found = fit_envelope(light.mean(axis=0), good, _FIELD)
+        fitted = fit_envelope(light.mean(axis=0), good, _FIELD)
         assumed.append("envelope: a polynomial of its logarithm; an object as wide as the frame would be part of it")
-        return found
+        return fitted
     seen = kept.of(_mean_of("envelope", given, shape).mean(axis=0))
     if not (seen > 0).all():
         reject(f"{_FIELD} envelope", "greater than 0 everywhere in the region", float(seen.min()))

@@ -62,10 +62,10 @@ def lit_region(light: np.ndarray, good: np.ndarray, field: str) -> Region:
     means = np.divide(total, number, out=np.zeros_like(total), where=number > 0)
     top, left, height, width = _largest(means > LIT * means.max())
     bottom, right = min(light.shape[0], (top + height) * side), min(light.shape[1], (left + width) * side)
-    found = Region(top * side, left * side, bottom - top * side, right - left * side)
-    if min(found.height, found.width) < LEAST:
-        reject(f"{field} region", f"given where less than {LEAST} x {LEAST} pixels are lit", tuple(found))
-    return found
+    region = Region(top * side, left * side, bottom - top * side, right - left * side)
+    if min(region.height, region.width) < LEAST:
+        reject(f"{field} region", f"given where less than {LEAST} x {LEAST} pixels are lit", tuple(region))
+    return region
 
 
 def _largest(lit: np.ndarray) -> tuple[int, int, int, int]:

@@ -246,8 +246,8 @@ def read_sphere(path: str | Path, *, dual_beam: bool = False) -> SphereReadings:
         if (text := line.partition("#")[0].strip())
     ]
     if not lines or lines[0][1] != ["IAD1"]:
-        found = " ".join(lines[0][1]) if lines else "nothing"
-        reject(f"read_sphere {path}, line {lines[0][0] if lines else 1},", '"IAD1"', found, "Is it an .rxt file?")
+        header = " ".join(lines[0][1]) if lines else "nothing"
+        reject(f"read_sphere {path}, line {lines[0][0] if lines else 1},", '"IAD1"', header, "Is it an .rxt file?")
     owner = f"read_sphere {path}, line "
     numbers: list[float] = []
     where: list[int] = []
@@ -312,10 +312,10 @@ def _names(
         if len(set(names)) < len(names) or "reflection" not in names:
             reject(f"{owner}{number},", "names of different columns, r among them", " ".join(cells))
         return names, rest + 1
-    told = numbers[-1] if len(numbers) in (8, 18) else len(cells)
-    if told not in (1, 2, 3):
-        reject(f"{owner}{number},", "1 to 3 readings a sample, or names of the columns before them", told)
-    return _IN_ORDER[: int(told)], rest
+    readings = numbers[-1] if len(numbers) in (8, 18) else len(cells)
+    if readings not in (1, 2, 3):
+        reject(f"{owner}{number},", "1 to 3 readings a sample, or names of the columns before them", readings)
+    return _IN_ORDER[: int(readings)], rest
 
 
 def _table(owner: str, lines: list[tuple[int, list[str]]], names: tuple[str, ...]) -> np.ndarray:

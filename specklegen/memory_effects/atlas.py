@@ -212,8 +212,8 @@ def _placed(slab: Slab) -> tuple[Atlas, tuple[float, float, float]] | None:
 
 def atlas_errors(slab: Slab) -> Errors | None:
     """Errors of the atlas at a slab; None where it is outside the tables."""
-    found = _placed(slab)
-    return None if found is None else found[0].errors(found[1])
+    placed = _placed(slab)
+    return None if placed is None else placed[0].errors(placed[1])
 
 
 def atlas_correlation(slab: Slab, tolerance: float = TOLERANCE) -> MemoryEffectCorrelation | None:
@@ -232,10 +232,10 @@ def atlas_correlation(slab: Slab, tolerance: float = TOLERANCE) -> MemoryEffectC
         With one row of weights: radii of r, and the intensity per unit area among them. None outside the
         tables, and where the table's stated error is above the tolerance.
     """
-    found = _placed(slab)
-    if found is None:
+    placed = _placed(slab)
+    if placed is None:
         return None
-    atlas, place = found
+    atlas, place = placed
     return atlas.of(slab, place) if atlas.errors(place).correlation <= tolerance else None
 
 

@@ -61,12 +61,12 @@ def found(
     read = load(file, kind)
     if read is not None:
         return read, True
-    made = estimate()
-    for value in vars(made).values():
+    estimated = estimate()
+    for value in vars(estimated).values():
         if isinstance(value, np.ndarray):
             read_only(value)
-    store(made, file)
-    return made, False
+    store(estimated, file)
+    return estimated, False
 
 
 def load(file: Path, kind: type[Correlation]) -> Correlation | None:
@@ -136,9 +136,9 @@ def _sources_digest() -> str:
     root = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for pattern in _SOURCES:
-        found = sorted(root.glob(pattern))
-        if not found:
+        sources = sorted(root.glob(pattern))
+        if not sources:
             raise FileNotFoundError(f"no source matches {pattern} in {root}: name the files that the estimator now has")
-        for file in found:
+        for file in sources:
             digest.update(file.read_bytes())
     return digest.hexdigest()

@@ -71,9 +71,9 @@ class MemoryEffectCorrelation:
     def __call__(self, q: np.ndarray | float) -> np.ndarray:
         """K at lateral wavevector differences q (radians per unit length), any shape; K(0) = 1."""
         q = np.asarray(q, dtype=np.float64)
-        found = np.empty(q.size)
-        bessel_mixture(np.ascontiguousarray(q).reshape(-1), *self._mixture, found)
-        return found.reshape(q.shape)
+        values = np.empty(q.size)
+        bessel_mixture(np.ascontiguousarray(q).reshape(-1), *self._mixture, values)
+        return values.reshape(q.shape)
 
     @cached_property
     def _mixture(self) -> tuple[np.ndarray, np.ndarray]:
@@ -138,9 +138,9 @@ class MemoryEffectCorrelation:
         Six nodes are off by some 1e-6, the step then by the square of that.
         """
         q = high * ROOT_NODES
-        found = float(inverse_interpolation(q, self(q), level))
-        below, at, above = self(found * np.array([1 - ROOT_STEP, 1.0, 1 + ROOT_STEP]))
-        return found * (1 + 2 * ROOT_STEP * float((at - level) / (below - above)))
+        root = float(inverse_interpolation(q, self(q), level))
+        below, at, above = self(root * np.array([1 - ROOT_STEP, 1.0, 1 + ROOT_STEP]))
+        return root * (1 + 2 * ROOT_STEP * float((at - level) / (below - above)))
 
     @property
     def mean_square_radius(self) -> float:

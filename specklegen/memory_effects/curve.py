@@ -90,11 +90,11 @@ def require_angles(owner: str, tilts: np.ndarray) -> None:
 
 def checked_view(owner: str, view: ArrayLike, mode: Mode, dimension: int = 3) -> np.ndarray:
     """Return a view float64[d], a unit vector on the side of a mode, or refuse it."""
-    found = real_array(f"{owner} view", view)
+    direction = real_array(f"{owner} view", view)
     side = 1.0 if mode == "transmission" else -1.0
-    if found.shape != (dimension,) or not abs(np.linalg.norm(found) - 1) <= 1e-6 or found[-1] * side <= 0:
-        reject(f"{owner} view", f"a unit vector of shape ({dimension},) on the side of {mode}", found)
-    return found
+    if direction.shape != (dimension,) or not abs(np.linalg.norm(direction) - 1) <= 1e-6 or direction[-1] * side <= 0:
+        reject(f"{owner} view", f"a unit vector of shape ({dimension},) on the side of {mode}", direction)
+    return direction
 
 
 def aimed(
@@ -497,12 +497,12 @@ def _polarised(
     medium, wavelength, light, view, views, side, paths, seed, reverse, threads, *, seen, symmetric, near
 ):  # fmt: skip
     if symmetric:
-        found = axial_curve(medium, wavelength, light[:, 0], seen, paths, seed, threads)
+        curve = axial_curve(medium, wavelength, light[:, 0], seen, paths, seed, threads)
     else:
         lights, views = np.concatenate([AXIS[None], light]), np.concatenate([view[None], views])
         options = {"reverse": reverse, "near": near}
-        found = pair_curve(medium, wavelength, lights, views, seen, paths, seed, threads, **options)
-    return found.field, found.intensity, 1 - found.intensity, found.standard_error, found.single_share, found.lit
+        curve = pair_curve(medium, wavelength, lights, views, seen, paths, seed, threads, **options)
+    return curve.field, curve.intensity, 1 - curve.intensity, curve.standard_error, curve.single_share, curve.lit
 
 
 def _lateral(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
@@ -546,8 +546,8 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
             sums[n + t - 1 if t else 2 * n] = np.square(np.abs(both)).sum()
         return sums, np.square(np.abs(alone)).sum()
 
-    found = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(threads)))
-    sums, single = np.array([both for both, _ in found]), sum(alone for _, alone in found)
+    batches = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(threads)))
+    sums, single = np.array([both for both, _ in batches]), sum(alone for _, alone in batches)
     total = sums[:, 2 * n].real.sum()
     if not total > _FAINTEST:
         return _dark(n)

@@ -83,8 +83,8 @@ class ExposureContrast(Pictured, Labelled):
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """K^2 over the exposure, with bars of two standard errors."""
         order = np.argsort(self.exposures, axis=None)
-        exposures, found, bars = (a.ravel()[order] for a in (self.exposures, self.squared, 2 * self.standard_error))
-        axes.errorbar(exposures, found, bars, fmt="o-", ms=3, lw=1, label=label)
+        exposures, squared, bars = (a.ravel()[order] for a in (self.exposures, self.squared, 2 * self.standard_error))
+        axes.errorbar(exposures, squared, bars, fmt="o-", ms=3, lw=1, label=label)
         axes.set(xlabel="exposure", ylabel=r"$K^2$", xscale="log", yscale="log")
         axes.grid(alpha=0.3)
 
@@ -161,12 +161,12 @@ class LightPaths:
 
     def fields(self, field: str, times: np.ndarray) -> np.ndarray:
         """Sums over the light of what is left of its field at times float64[n], of each batch, complex[batches, n]."""
-        k, found = 2 * np.pi / self.wavelength, np.empty((len(times), self.batches), np.complex128)
+        k, sums = 2 * np.pi / self.wavelength, np.empty((len(times), self.batches), np.complex128)
         for n, (x, time) in enumerate(zip(self.reduced_time(field, times), times, strict=True)):
             left = self.weights * np.exp(-2 * x * self.transfer - 1j * k * time * self.doppler)
-            found[n] = np.bincount(self.batch, left.real, self.batches)
-            found[n] += 1j * np.bincount(self.batch, left.imag, self.batches)
-        return found.T
+            sums[n] = np.bincount(self.batch, left.real, self.batches)
+            sums[n] += 1j * np.bincount(self.batch, left.imag, self.batches)
+        return sums.T
 
     def contrast(self, owner: str, exposures: ArrayLike) -> ExposureContrast:
         """K^2 of exposures float64[...], for the method that owns it."""

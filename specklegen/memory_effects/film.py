@@ -61,13 +61,13 @@ class FilmCorrelation:
         flipped = (first < 0) & keys[:, :3].any(axis=1)
         keys[flipped, :3] = -keys[flipped, :3] + 0.0
         pairs, number = np.unique(keys, axis=0, return_inverse=True)
-        found = np.empty(len(pairs), np.complex128)
+        values = np.empty(len(pairs), np.complex128)
         still = ~pairs[:, :3].any(axis=1)
         shares, turned = self._classes
-        found[still] = [shares @ np.exp(-2 * one * turned) for one in pairs[still, 3]]
+        values[still] = [shares @ np.exp(-2 * one * turned) for one in pairs[still, 3]]
         for n in np.flatnonzero(~still):
-            found[n] = self._pair(*(wavenumber * pairs[n, :2]), *pairs[n, 2:])
-        full = found[number.ravel()]
+            values[n] = self._pair(*(wavenumber * pairs[n, :2]), *pairs[n, 2:])
+        full = values[number.ravel()]
         return np.where(flipped, full.conj(), full).reshape(x.shape)
 
     @property

@@ -195,8 +195,8 @@ def joint_correlation(
     if not slab:
         if lags.any() or lags.ndim:
             reject(f"{owner} lags", "left out behind thin screens", lags, "Render a film: ScreenStack(velocities=).")
-        told = f"{tilts.size} tilts, {shifts.size} shifts"
-        require_time(f"{owner} tilts", 1e-9 * _SCREEN_PAIR * pairs, told, "Ask for fewer.")
+        amount = f"{tilts.size} tilts, {shifts.size} shifts"
+        require_time(f"{owner} tilts", 1e-9 * _SCREEN_PAIR * pairs, amount, "Ask for fewer.")
         return _of_screens(require_thin(medium, wavelength), wavelength, tilts, shifts)
 
     x = 0 * lags
@@ -261,5 +261,5 @@ def _of_screens(stack: ScreenStack, wavelength: float, tilts: np.ndarray, shifts
     ways = tilt_ways(stack, np.stack([tilts, 0 * tilts], axis=-1))[:, None]
     apart = np.stack([shifts, 0 * shifts], axis=-1)
     unscattered = np.exp(-stack.optical_depth(wavelength))
-    found = (coherence(stack, wavelength, apart, ways) - unscattered) / max(1 - unscattered, 1e-300)
-    return JointCorrelation(tilts, shifts, found, 0 * found, spread(stack, wavelength)[2])
+    correlation = (coherence(stack, wavelength, apart, ways) - unscattered) / max(1 - unscattered, 1e-300)
+    return JointCorrelation(tilts, shifts, correlation, 0 * correlation, spread(stack, wavelength)[2])

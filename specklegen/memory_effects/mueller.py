@@ -112,10 +112,10 @@ class MuellerMatrix(Pictured):
 
 def _field(name: str, value: ArrayLike) -> np.ndarray:
     """A field complex128[2]."""
-    found = complex_array(f"MuellerMatrix.intensity {name}", value)
-    if found.shape != (2,) or not np.isfinite(found).all():
+    field = complex_array(f"MuellerMatrix.intensity {name}", value)
+    if field.shape != (2,) or not np.isfinite(field).all():
         reject(f"MuellerMatrix.intensity {name}", "two finite numbers, of the fields along x and y", value)
-    return found
+    return field
 
 
 @shielded()
@@ -193,8 +193,8 @@ def mueller_matrix(
         return _estimate(medium, float(wavelength), aim.view, count, seed, threads, both)
 
     def worst(count: int) -> float:
-        found = run(count, pilot_seed(medium.unitless_fingerprint()))
-        return float(np.nan_to_num(max(found.linear_error, found.circular_error)))
+        matrix = run(count, pilot_seed(medium.unitless_fingerprint()))
+        return float(np.nan_to_num(max(matrix.linear_error, matrix.circular_error)))
 
     count = budget.count(worst)
     require_traced(owner, medium, aim, count, threads)

@@ -119,10 +119,10 @@ def estimate_oblique_correlation(
 
 def _of_axial_light(medium: PlaneMedium, paths: int, seed: Seed, threads: int | None) -> ObliqueCorrelation:
     """K from light that is not aimed (:mod:`specklegen.kernels.analog_walk`): a connection a path."""
-    found = axial_light(medium, paths, seed, threads)
-    lit, inside = found.weight > 0, inside_share(medium)
-    total = found.weight.sum()
+    light = axial_light(medium, paths, seed, threads)
+    lit, inside = light.weight > 0, inside_share(medium)
+    total = light.weight.sum()
     return ObliqueCorrelation(
-        found.displacement[lit], inside * found.weight[lit], np.flatnonzero(lit), paths,
-        float(found.once.sum() / total) if total else 0.0, found.transfer[lit],
+        light.displacement[lit], inside * light.weight[lit], np.flatnonzero(lit), paths,
+        float(light.once.sum() / total) if total else 0.0, light.transfer[lit],
     )  # fmt: skip

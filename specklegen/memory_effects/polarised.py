@@ -124,12 +124,12 @@ class AxialLight:
             assert self.transfer is not None, "it was asked for"
             waves = waves * np.exp(-2 * x * self.transfer)
         n = len(waves)
-        found = np.empty((self.batches, n, n), np.complex128)
+        sums = np.empty((self.batches, n, n), np.complex128)
         for a in range(n):
             for b in range(n):
-                found[:, a, b] = np.bincount(self.batch, waves[a, b].real, self.batches)
-                found[:, a, b] += 1j * np.bincount(self.batch, waves[a, b].imag, self.batches)
-        return found
+                sums[:, a, b] = np.bincount(self.batch, waves[a, b].real, self.batches)
+                sums[:, a, b] += 1j * np.bincount(self.batch, waves[a, b].imag, self.batches)
+        return sums
 
 
 def axial_light(
@@ -164,7 +164,7 @@ def _terms(matrices: np.ndarray, azimuth: np.ndarray, seen: Polariser) -> np.nda
     fields = (even, p, m), (odd, -1j * p, 1j * m)
     turn, phi = np.exp(-2j * azimuth), seen.azimuth
     n = len(seen.components)
-    found = np.zeros((n, n, 3, len(xx)), np.complex128)
+    terms = np.zeros((n, n, 3, len(xx)), np.complex128)
     for i, a in enumerate(seen.components):
         for j, b in enumerate(seen.components):
             (u0, up, um), (v0, vp, vm) = fields[a], fields[b]
@@ -172,12 +172,12 @@ def _terms(matrices: np.ndarray, azimuth: np.ndarray, seen: Polariser) -> np.nda
             two, minus_two = (up * v0 + u0 * vm) * turn, (um * v0 + u0 * vp) * turn.conj()
             four, minus_four = up * vm * turn**2, um * vp * turn.conj() ** 2
             if a == b:
-                found[i, j] = u0 * v0 + up * vp + um * vm, -np.cos(2 * phi) * (two + minus_two), (
+                terms[i, j] = u0 * v0 + up * vp + um * vm, -np.cos(2 * phi) * (two + minus_two), (
                     np.cos(4 * phi) * (four + minus_four)
                 )  # fmt: skip
             else:  # a mirror changes the sign of one of the two
-                found[i, j, 1:] = -1j * np.sin(2 * phi) * (two - minus_two), 1j * np.sin(4 * phi) * (four - minus_four)
-    return found
+                terms[i, j, 1:] = -1j * np.sin(2 * phi) * (two - minus_two), 1j * np.sin(4 * phi) * (four - minus_four)
+    return terms
 
 
 def bessel_even(x: np.ndarray) -> np.ndarray:
@@ -187,9 +187,9 @@ def bessel_even(x: np.ndarray) -> np.ndarray:
     zero, one = j0(x), j1(y)
     two = 2 * one / y - j0(y)
     three = 4 * two / y - one
-    found = np.stack([zero, two, 6 * three / y - two])
-    found[1][small], found[2][small] = jv(2, x[small]), jv(4, x[small])
-    return found
+    bessel = np.stack([zero, two, 6 * three / y - two])
+    bessel[1][small], bessel[2][small] = jv(2, x[small]), jv(4, x[small])
+    return bessel
 
 
 def correlated(sums: np.ndarray) -> np.ndarray:
@@ -313,11 +313,11 @@ def pair_light(
                 sums[p] = sum(a @ b.conj().T for a, b in zip(still, left, strict=True))
         return sums, single, weights, turned
 
-    found = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(threads)))
+    batches = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(threads)))
     return PairLight(
-        np.array([each[0] for each in found]), sum(each[1] for each in found),
-        np.concatenate([each[2] for each in found]), np.concatenate([each[3] for each in found]),
-        np.repeat(np.arange(len(found)), [len(each[2]) for each in found]),
+        np.array([each[0] for each in batches]), sum(each[1] for each in batches),
+        np.concatenate([each[2] for each in batches]), np.concatenate([each[3] for each in batches]),
+        np.repeat(np.arange(len(batches)), [len(each[2]) for each in batches]),
     )  # fmt: skip
 
 

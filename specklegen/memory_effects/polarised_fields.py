@@ -102,11 +102,11 @@ class PolarisedFields:
         longest = max(float(x.max(initial=0.0)), 1e-300)
         keys = np.concatenate([apart, (x / longest).round(12)[..., None]], axis=-1).reshape(-1, 3) + 0.0
         pairs, number = np.unique(keys, axis=0, return_inverse=True)
-        found = np.empty((len(pairs), 2, 2), np.complex128)
+        matrices = np.empty((len(pairs), 2, 2), np.complex128)
         for n, (dx, dy, later) in enumerate(pairs):
             turned = -1j * wavenumber * (self.displacement @ np.array([dx, dy])) - 2 * later * longest * self.transfer
-            found[n] = (self.fields * np.exp(turned)) @ self.fields.conj().T
-        blocks = found[number.ravel()].reshape(tilts, tilts, 2, 2)
+            matrices[n] = (self.fields * np.exp(turned)) @ self.fields.conj().T
+        blocks = matrices[number.ravel()].reshape(tilts, tilts, 2, 2)
         whole = blocks.swapaxes(1, 2).reshape(2 * tilts, 2 * tilts)
         return (whole + whole.conj().T) / 2
 
@@ -177,8 +177,8 @@ class PolarisedCorrelation:
             for n, harmonic in enumerate((share, -2 * self.second, 2 * self.fourth)):
                 radii[n, part] = waves[n] @ harmonic[used]
         even, two, four = radii[:, which]
-        found = even.real + (two * np.exp(2j * turn)).real + (four * np.exp(4j * turn)).real
-        return (found / share.sum()).reshape(np.shape(qx))
+        total = even.real + (two * np.exp(2j * turn)).real + (four * np.exp(4j * turn)).real
+        return (total / share.sum()).reshape(np.shape(qx))
 
 
 def _digits(values: np.ndarray) -> int:
@@ -219,13 +219,13 @@ def _harmonics(
     """h0 float64[M], h2 and h4 complex128[M] of paths and of their mirror images, turned back by ``turn``."""
     seen = np.einsum("a,nab,b->n", analyser.conj(), _PAULI, light)
     (xx, xy), (yx, yy) = np.moveaxis(matrices, 0, -1)
-    found = [np.zeros(len(xx)), np.zeros(len(xx), np.complex128), np.zeros(len(xx), np.complex128)]
+    harmonics = [np.zeros(len(xx)), np.zeros(len(xx), np.complex128), np.zeros(len(xx), np.complex128)]
     for mirror in (1, -1):
         even, odd, c, d = (xx + yy) / 2, mirror * (yx - xy) / 2, (xx - yy) / 2, mirror * (xy + yx) / 2
         still = even * seen[0] + odd * seen[1]
         plus, minus = (c + 1j * d) / 2 * (seen[2] - 1j * seen[3]), (c - 1j * d) / 2 * (seen[2] + 1j * seen[3])
         back = np.exp(-2j * mirror * turn)
-        found[0] += sum(np.square(np.abs(each)) for each in (still, plus, minus)) / 2
-        found[1] += (plus * still.conj() + still * minus.conj()) * back / 2
-        found[2] += plus * minus.conj() * back**2 / 2
-    return found[0], found[1], found[2]
+        harmonics[0] += sum(np.square(np.abs(each)) for each in (still, plus, minus)) / 2
+        harmonics[1] += (plus * still.conj() + still * minus.conj()) * back / 2
+        harmonics[2] += plus * minus.conj() * back**2 / 2
+    return harmonics[0], harmonics[1], harmonics[2]

@@ -161,8 +161,8 @@ class TemporalCorrelation(Pictured, Labelled):
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """|g1|^2 over the lag, with bars of two standard errors."""
-        lags, found, bars = (a.ravel() for a in (self.lags, self.intensity, 2 * self.standard_error))
-        axes.errorbar(lags, found, bars, fmt="o-", ms=3, lw=1, label=label)
+        lags, intensity, bars = (a.ravel() for a in (self.lags, self.intensity, 2 * self.standard_error))
+        axes.errorbar(lags, intensity, bars, fmt="o-", ms=3, lw=1, label=label)
         if (lags > 0).sum() > 2 and lags.max() > 30 * lags[lags > 0].min():
             axes.set_xscale("symlog", linthresh=lags[lags > 0].min())
         axes.set(xlabel="lag", ylabel=r"$g_2 - 1 = |g_1|^2$", ylim=(-0.03, 1.05))

@@ -154,11 +154,11 @@ def polarised(asked: Asked, paths: int, seed: Seed, *, seen: Polariser) -> Found
         turned, batch, batches = axial.transfer, axial.batch, axial.batches
     else:
         lights, views = np.concatenate([AXIS[None], aim.light]), np.concatenate([aim.view[None], aim.views])
-        found = pair_light(
+        tally = pair_light(
             slab, asked.wavelength, lights, views, asked.number, asked.x, seen, paths, seed, asked.threads,
             reverse=aim.reversal.needed, near=asked.near,
         )  # fmt: skip
-        sums, weights, turned, batch, batches = found.sums, found.weights, found.transfer, found.batch, len(found.sums)
+        sums, weights, turned, batch, batches = tally.sums, tally.weights, tally.transfer, tally.batch, len(tally.sums)
     total = weights.sum()
     if not total > 0:
         return dark(asked)
@@ -210,8 +210,8 @@ def by_amplitudes(asked: Asked, paths: int, seed: Seed) -> Found:
         assert light is not None, "the first pair is that of no tilt"
         return sums, rest, light
 
-    found = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(asked.threads)))
-    sums = np.array([each for each, _, _ in found])
+    batches = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(asked.threads)))
+    sums = np.array([each for each, _, _ in batches])
     total = sums[:, -1].real.sum()
     if not total > 0:
         return dark(asked)
@@ -220,8 +220,8 @@ def by_amplitudes(asked: Asked, paths: int, seed: Seed) -> Found:
         return part[:p] / np.sqrt(part[p : p + n].real[asked.number]) / np.sqrt(part[-1].real)
 
     intensity, error = jackknife(sums, lambda part: np.square(np.abs(normalised(part))))
-    static = float(sum(rest for _, rest, _ in found) / total)
-    lights = [each for _, _, each in found]
+    static = float(sum(rest for _, rest, _ in batches) / total)
+    lights = [each for _, _, each in batches]
     classes = asked.classes(
         np.concatenate([each.weights for each in lights]), np.concatenate([each.transfer for each in lights]),
         np.concatenate([each.doppler for each in lights]) if flows else None,  # type: ignore[union-attr]

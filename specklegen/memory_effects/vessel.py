@@ -69,13 +69,13 @@ class LocalLight:
 
     def field(self, lags: np.ndarray) -> np.ndarray:
         """g1 float64[n] at lags float64[n] of at least 0; at infinity what rests."""
-        found = np.full(len(lags), self.rest)
+        field = np.full(len(lags), self.rest)
         finite = np.flatnonzero(np.isfinite(lags))
         rows = max(1, _ELEMENTS // max(len(self.weight), 1))
         for part in np.array_split(finite, max(1, -(-len(finite) // rows))):
             lag = lags[part][:, None]
-            found[part] += (np.cos(lag * self.turning) * np.exp(-lag * self.fading)) @ self.weight
-        return found
+            field[part] += (np.cos(lag * self.turning) * np.exp(-lag * self.fading)) @ self.weight
+        return field
 
 
 def local_light(paths: VertexPaths, vessel: Vessel, distances: Sequence[float], wavelength: float) -> list[LocalLight]:

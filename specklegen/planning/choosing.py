@@ -46,21 +46,21 @@ def cheapest(scene: Scene, request: Request) -> tuple[Sampler, list[Decision], O
     least = times(least_of_sums(scene, pilot, _paths(pilot, request)), request.realizations)
     longer = MOST_PATHS * pilot.connections_per_path * _JUDGED
     request = replace(request, thorough=seconds(least, 1) > longer)
-    stationary, said = Stationary.propose(scene, request)
+    stationary, decisions = Stationary.propose(scene, request)
     if stationary is not None and _seconds(stationary, request) <= seconds(least, 1):
-        return stationary, said, {"path sums, their least,": least}
-    sums, told = served(scene, request, (PathSums,) if stationary is not None else (Stationary, PathSums))
+        return stationary, decisions, {"path sums, their least,": least}
+    sums, sums_decisions = served(scene, request, (PathSums,) if stationary is not None else (Stationary, PathSums))
     best, others = sums, Others()
     if stationary is None:
-        said = told
-        if _lost(told) > request.tolerance or sums.name != PathSums.name:
-            return sums, said, others
-    elif _lost(told) > request.tolerance or _seconds(stationary, request) <= _seconds(sums, request):
+        decisions = sums_decisions
+        if _lost(sums_decisions) > request.tolerance or sums.name != PathSums.name:
+            return sums, decisions, others
+    elif _lost(sums_decisions) > request.tolerance or _seconds(stationary, request) <= _seconds(sums, request):
         best, others = stationary, {"path sums": all_operations(sums, request)}
     else:
         others = {"the stationary sampler": all_operations(stationary, request)}
-        said = [*(_left_out(each, "path sums") for each in said), *told]
-    return _or_covariance(scene, request, pilot, best, said, others)
+        decisions = [*(_left_out(each, "path sums") for each in decisions), *sums_decisions]
+    return _or_covariance(scene, request, pilot, best, decisions, others)
 
 
 def _or_covariance(
@@ -72,8 +72,8 @@ def _or_covariance(
         seconds(least_of_covariance(scene, pilot, _paths(pilot, request)), 1) > bound
     ):
         return best, said, others
-    drawn, told = Eigenfields.propose(scene, request)
-    if drawn is None or _lost(told) > request.tolerance or any(each.doubt for each in drawn.pilot.decisions):
+    drawn, decisions = Eigenfields.propose(scene, request)
+    if drawn is None or _lost(decisions) > request.tolerance or any(each.doubt for each in drawn.pilot.decisions):
         return best, said, others  # rare paths would leave their mark on every realization
     if _seconds(drawn, request) > bound:
         return best, said, others | {"the covariance": all_operations(drawn, request)}
@@ -85,29 +85,29 @@ def _or_covariance(
     )  # fmt: skip
     said = [each if best.name == PathSums.name else _left_out(each, "the covariance") for each in said]
     kept = [each for each in said if each.part != "paths in lock step and NUFFT" and each.part != "views one by one"]
-    return drawn, [*kept, taken, *told], others | {name: all_operations(best, request)}
+    return drawn, [*kept, taken, *decisions], others | {name: all_operations(best, request)}
 
 
 def served(
     scene: Scene, request: Request, kinds: tuple[type[Sampler], ...]
 ) -> tuple[Sampler, list[Decision]]:
     """The first sampler that serves, and what all that were asked say; one before it where that states less error."""
-    said: list[Decision] = []
+    decisions: list[Decision] = []
     for n, kind in enumerate(kinds):
-        chosen, told = kind.propose(scene, request)
-        said += told
+        chosen, own_decisions = kind.propose(scene, request)
+        decisions += own_decisions
         if chosen is None:
             continue
-        lost = _lost(told)
+        lost = _lost(own_decisions)
         if lost <= request.tolerance:
-            return chosen, said
+            return chosen, decisions
         for other in kinds[:n]:
-            surer, told = other.propose(scene, replace(request, beside=lost, thorough=True))
+            surer, own_decisions = other.propose(scene, replace(request, beside=lost, thorough=True))
             if surer is not None:
-                return surer, told
-        return chosen, said
+                return surer, own_decisions
+        return chosen, decisions
     reject(  # one of a user's own: path sums serve every scene
-        "sampler", "one that serves the scene", request.asked, "; ".join(each.reason for each in said)
+        "sampler", "one that serves the scene", request.asked, "; ".join(each.reason for each in decisions)
     )
 
 

@@ -54,12 +54,12 @@ def with_sub_frames(scene: Scene, tolerance: float) -> tuple[Scene, list[Decisio
         light = light.replace(sub_frames=[counts[time] for time in exposure.tolist()])
     above = _excess(fields, exposure, light.instants)
     allowed = f"allowed {tolerance:g}" if chosen else "as asked"
-    said = (
+    reason = (
         f"{_range(light.instants)} instants an exposure, {light.instants.sum()} in all, whose squared contrast is at "
         f"most {above:.2g} of itself above that of the exposure, {allowed}"
     )
     doubt = not chosen and above > tolerance
-    return scene.replace(illumination=light), [Decision("exposure", True, said, doubt=doubt)]
+    return scene.replace(illumination=light), [Decision("exposure", True, reason, doubt=doubt)]
 
 
 @remembered(16)
@@ -96,7 +96,7 @@ def _classes(scene: Scene) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     tracer = scene_tracer(scene, False)
     seed = pilot_seed(scene.unitless_fingerprint())
     bank = tracer.trace(seed, PILOT_PATHS, stream=Stream.PILOT, threads=1)
-    few, found = tracer.layout.probed(), []
+    few, classes = tracer.layout.probed(), []
     lights = np.unique(few.lights.vectors, axis=0, return_index=True)[1]
     for light in np.sort(lights):
         for view in range(len(few.views)):
@@ -112,8 +112,8 @@ def _classes(scene: Scene) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
                 bins = np.unique(both, axis=1, return_inverse=True)[1].ravel()
             sums = [np.bincount(bins, weights * each) for each in (np.ones(len(weights)), turned, shifts)]
             lit = sums[0] > 0
-            found.append((sums[0][lit], sums[1][lit] / sums[0][lit], sums[2][lit] / sums[0][lit]))
-    return found or [(np.ones(1), np.zeros(1), np.zeros(1))]  # no light
+            classes.append((sums[0][lit], sums[1][lit] / sums[0][lit], sums[2][lit] / sums[0][lit]))
+    return classes or [(np.ones(1), np.zeros(1), np.zeros(1))]  # no light
 
 
 def _enough(field: _Correlation, exposure: float, tolerance: float) -> int:

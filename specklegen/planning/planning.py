@@ -62,15 +62,15 @@ def _motion(scene: Scene) -> list[Decision]:
         return []
     if not scene.film:
         return [Decision("motion", False, "all beams are on at one time (CollimatedBeams.times)")]
-    told = [Decision(
+    decisions = [Decision(
         "flow", True, "particles are carried along, and turn a path by the sum of k (w_(b-1) - w_b) . V(x_b) t: exact "
         "while they move little beside the mean free path, or all alike",
     )] if scene.volume.flows else []  # fmt: skip
     law, _ = fastest(scene.volume.motions) or (None, None)
     if law is None:
-        return told
+        return decisions
     x = float(reduced_time("CollimatedBeams.times", law, scene.wavelength, np.ptp(np.asarray(scene.beams.times))))
-    return [*told, Decision(
+    return [*decisions, Decision(
         "motion", True, f"a film of {len(scene.lights)} frames up to x = k^2 <Dr^2> / 6 = {x:.3g}, after which a path "
         "of momentum transfer Y keeps e^(-2 x Y) of its amplitude (temporal_correlation)",
     )]  # fmt: skip
@@ -214,10 +214,10 @@ def _planned(
     decisions = exposed + [decision for rule in SCENE_RULES for decision in rule(scene)]
     decisions += [reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
     if asked is None and scene.thin is None:
-        chosen, told, others = cheapest(scene, request)
+        chosen, of_sampler, others = cheapest(scene, request)
     else:
-        (chosen, told), others = served(scene, request, THIN if asked is None else (asked,)), {}
-    decisions += told
+        (chosen, of_sampler), others = served(scene, request, THIN if asked is None else (asked,)), {}
+    decisions += of_sampler
     if asked is PathSums:
         decisions.append(Decision("stationary sampler", False, "as asked"))
     pilot = getattr(chosen, "pilot", None)  # a sampler without paths has none
@@ -263,27 +263,27 @@ def _planned_focus(
             realizations=realizations,
         )  # fmt: skip
 
-    made = made_of(budget)
-    afar = scene if made.lens is None else scene.replace(sensor=made.lens.grid)
-    moments, lobes = focus_moments(afar, made.reverse, made.lens), narrow_lobes(afar, made.reverse)
+    beam_plan = made_of(budget)
+    afar = scene if beam_plan.lens is None else scene.replace(sensor=beam_plan.lens.grid)
+    moments, lobes = focus_moments(afar, beam_plan.reverse, beam_plan.lens), narrow_lobes(afar, beam_plan.reverse)
     if budget.rel_error is not None:
         paths = moments.paths_for(budget.rel_error, within_image=True)
-        if paths > made.paths:
-            made = made_of(replace(budget, paths=paths, rel_error=None))
+        if paths > beam_plan.paths:
+            beam_plan = made_of(replace(budget, paths=paths, rel_error=None))
     beams = len(lit.lights)
-    judged = made.chosen.pilot.decisions  # type: ignore[attr-defined] # of each beam alone
+    judged = beam_plan.chosen.pilot.decisions  # type: ignore[attr-defined] # of each beam alone
     left = {"stationary sampler", "stationary image"}
-    told = [d for d in made.decisions if d not in judged and d.part not in left | {each.part for each in lobes}]
-    said = Decision(
+    kept = [d for d in beam_plan.decisions if d not in judged and d.part not in left | {each.part for each in lobes}]
+    focused = Decision(
         "focused light", True, f"{len(scene.illumination.vectors)} foci as sums of {beams} collimated beams through "
         f"a window {lit.beams.width:.4g} wide, by one bank of paths",
     )  # fmt: skip
     rare = rare_paths_decision(moments.effective_paths)
-    operations = dict(made.operations)
+    operations = dict(beam_plan.operations)
     sums = 8.0 * len(scene.illumination.vectors) * beams * np.prod(lit.sensor.shape, dtype=float)
     operations["flop"] = operations.get("flop", 0.0) + sums
     return replace(
-        made, scene=scene, pixel=moments, decisions=(said, *lobes, *((rare,) if rare else ()), *told),
+        beam_plan, scene=scene, pixel=moments, decisions=(focused, *lobes, *((rare,) if rare else ()), *kept),
         operations=operations,
         seconds=seconds(operations, thread_count(budget.threads)),
     )  # fmt: skip
@@ -310,32 +310,34 @@ def _planned_image(
             doubt=at_faces,
         )  # fmt: skip
     wanted = PathSums if few is not None and asked is None else asked
-    made = _planned(lens.pupil_scene, budget, wanted, mean, field_tolerance, realizations)
-    pixel = lit.moments if made.chosen.medium_by_medium else None
-    pilot = getattr(made.chosen, "pilot", None)  # which judges views up to the corners of the square around the pupil
+    pupil_plan = _planned(lens.pupil_scene, budget, wanted, mean, field_tolerance, realizations)
+    pixel = lit.moments if pupil_plan.chosen.medium_by_medium else None
+    pilot = getattr(
+        pupil_plan.chosen, "pilot", None
+    )  # which judges views up to the corners of the square around the pupil
     judged = () if pilot is None or pixel is None else pilot.decisions
-    told = [
-        d for d in made.decisions
+    kept = [
+        d for d in pupil_plan.decisions
         if d not in judged and d.part != "iris" and (d.reason != "as asked" or asked is not None)
     ]  # fmt: skip
     rare = None if pixel is None else rare_paths_decision(pixel.effective_paths)
     if pixel is not None and budget.rel_error is not None:
         paths = pixel.paths_for(budget.rel_error, within_image=True)
-        if paths > made.paths:
+        if paths > pupil_plan.paths:
             budget = replace(budget, paths=paths, rel_error=None)
-            made = _planned(lens.pupil_scene, budget, PathSums, mean, field_tolerance, realizations)
-    operations = dict(made.operations)
+            pupil_plan = _planned(lens.pupil_scene, budget, PathSums, mean, field_tolerance, realizations)
+    operations = dict(pupil_plan.operations)
     operations["flop"] = operations.get("flop", 0.0) + len(lens.pupil_scene.lights) * lens.flops
-    memory = int(made.memory_bytes + lens.memory)
-    _require_memory(scene, memory, made.paths)
+    memory = int(pupil_plan.memory_bytes + lens.memory)
+    _require_memory(scene, memory, pupil_plan.paths)
     views = lens.grid.shape[0]
     seen = Decision(
         "lens", True, f"{views}x{views} directions around sines up to {lens.camera.aperture:.3g}; its plane, "
         f"{lens.camera.focus:.4g} behind the face, is lit over {lit.extent:.4g} and repeats after {lens.period:.4g}",
     )  # fmt: skip
     return replace(
-        made, scene=scene, lens=lens, pixel=pixel,
-        decisions=(*exposed, seen, *(d for d in (few, rare) if d), *told),
+        pupil_plan, scene=scene, lens=lens, pixel=pixel,
+        decisions=(*exposed, seen, *(d for d in (few, rare) if d), *kept),
         operations=operations, seconds=seconds(operations, thread_count(budget.threads)), memory_bytes=memory,
     )  # fmt: skip
 
@@ -343,8 +345,8 @@ def _planned_image(
 def _with_sub_frames(scene: Scene, tolerance: float) -> tuple[Scene, list[Decision]]:
     """The scene with instants for every exposure, as many as views over the pupil ask for; and what is said of them."""
     afar = scene.replace(sensor=scene.sensor.pupil_grid(3))  # type: ignore[attr-defined]
-    found, said = with_sub_frames(afar, tolerance)
-    return scene.replace(illumination=found.illumination), said
+    exposed, decisions = with_sub_frames(afar, tolerance)
+    return scene.replace(illumination=exposed.illumination), decisions
 
 
 def _too_narrow(scene: Scene, lit: LitPlane, asked: type[Sampler] | None) -> Decision | None:
@@ -353,15 +355,15 @@ def _too_narrow(scene: Scene, lit: LitPlane, asked: type[Sampler] | None) -> Dec
     if reach + lit.halo <= window.flat:
         return None
     width = (reach + lit.halo) / window.flat * window.width if window.flat else np.inf
-    told = f"95 % of the light come from up to {lit.halo:.4g} aside, and the image reaches {reach:.4g}"
+    reason = f"95 % of the light come from up to {lit.halo:.4g} aside, and the image reaches {reach:.4g}"
     remedy = (
         f"use a window at least {width:.4g} wide, or an image at most {max(2 * (window.flat - lit.halo), 0):.4g} across"
         if window.flat else "use a square or a round window, which is even in its middle"
     )  # fmt: skip
     if asked is not None and asked.from_face:
         reject("sampler", '"paths" or "auto" for this image', asked.name,
-               f"The stationary sampler has light under the window alone: {told}; {remedy}.")  # fmt: skip
-    return Decision("stationary image", False, f"it has light under the window alone, and {told}")
+               f"The stationary sampler has light under the window alone: {reason}; {remedy}.")  # fmt: skip
+    return Decision("stationary image", False, f"it has light under the window alone, and {reason}")
 
 
 def streaming_obstacle(scene: Scene) -> str | None:

@@ -54,8 +54,8 @@ class Attention(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Return float[B, width, h, w]."""
         asked = self.asked(self.norm(x)).flatten(2).unflatten(1, (3, self.heads, -1)).transpose(-2, -1)
-        found = nn.functional.scaled_dot_product_attention(*asked.unbind(1))
-        return x + self.last(found.transpose(-2, -1).reshape_as(x))
+        attended = nn.functional.scaled_dot_product_attention(*asked.unbind(1))
+        return x + self.last(attended.transpose(-2, -1).reshape_as(x))
 
 
 class Flow(nn.Module):
@@ -76,18 +76,18 @@ class Flow(nn.Module):
     ) -> None:
         super().__init__()
         self.frame, self.width, self.inner, self.pictures, self.numbers = frame, width, inner, pictures, numbers
-        told = inner
+        features = inner
         self.describe = nn.Sequential(
-            nn.Linear(2 * WAVES + numbers, told), nn.SiLU(), nn.Linear(told, told), nn.SiLU()
+            nn.Linear(2 * WAVES + numbers, features), nn.SiLU(), nn.Linear(features, features), nn.SiLU()
         )
         self.first = nn.Conv2d(4 * (1 + pictures), width, 3, padding=1)
-        self.before = nn.ModuleList(Residual(width, told) for _ in range(2))
+        self.before = nn.ModuleList(Residual(width, features) for _ in range(2))
         self.down = nn.Conv2d(width, inner, 2, stride=2)
-        self.middle = nn.ModuleList(Residual(inner, told) for _ in range(4))
+        self.middle = nn.ModuleList(Residual(inner, features) for _ in range(4))
         self.look = nn.ModuleList([Attention(inner), nn.Identity(), Attention(inner), nn.Identity()])
         self.up = nn.ConvTranspose2d(inner, width, 2, stride=2)
         self.join = nn.Conv2d(2 * width, width, 1)
-        self.after = nn.ModuleList(Residual(width, told) for _ in range(2))
+        self.after = nn.ModuleList(Residual(width, features) for _ in range(2))
         self.last = nn.Sequential(nn.GroupNorm(8, width), nn.SiLU(), nn.Conv2d(width, 4, 3, padding=1))
 
     def forward(self, noisy: Tensor, time: Tensor, shown: Tensor | None = None, told: Tensor | None = None) -> Tensor:
@@ -120,8 +120,8 @@ class Flow(nn.Module):
         x = self.join(torch.cat([x, self.up(y)], dim=1))
         for block in self.after:
             x = block(x, description)
-        found = nn.functional.pixel_shuffle(self.last(x), 2)[:, 0].to(noisy.dtype)
-        return t * (SPREAD / spread).square() * noisy + (1 - t) * SPREAD / spread * found
+        correction = nn.functional.pixel_shuffle(self.last(x), 2)[:, 0].to(noisy.dtype)
+        return t * (SPREAD / spread).square() * noisy + (1 - t) * SPREAD / spread * correction
 
 
 def scaled_loss(found: Tensor, pictures: Tensor, time: Tensor) -> Tensor:

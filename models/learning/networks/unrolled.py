@@ -142,16 +142,18 @@ class Unrolled(nn.Module):
         with torch.no_grad():
             start = self.started(seen)
             answers = seen.answers / seen.answers.amax((-2, -1), keepdim=True).clamp_min(1e-6)
-        near, found = settled(torch.cat([start[:, None], answers], dim=1), deviance, *BRIEFLY)
+        near, deviances = settled(torch.cat([start[:, None], answers], dim=1), deviance, *BRIEFLY)
         with torch.no_grad():
-            order = found[:, 1:].argsort(1)
+            order = deviances[:, 1:].argsort(1)
             answers, group = (x.gather(1, order[..., None, None].expand_as(x)) for x in (answers, near[:, 1:]))
             group = align(group, group[:, :1].expand_as(group))
             onto = alignment(group[:, 0], start)
             group = torch.stack([move(each, onto) for each in group.unbind(1)], dim=1)
             alone = align(answers, start[:, None].expand_as(answers))
             pictures = torch.cat([start[:, None], near[:, :1], group, alone], dim=1)
-            return Candidates(pictures, torch.cat([found[:, :1], found[:, 1:].gather(1, order)], dim=1), seen.scalars)
+            return Candidates(
+                pictures, torch.cat([deviances[:, :1], deviances[:, 1:].gather(1, order)], dim=1), seen.scalars
+            )
 
     def started(self, seen: Seen) -> Tensor:
         """What the dense net makes of lags, and of lags in a mirror, float[B, n, n]: their mean in logits."""
@@ -164,7 +166,7 @@ class Unrolled(nn.Module):
         """Brightness after the dense net and each stage, as of :meth:`forward`."""
         start = candidates.pictures[:, 0]
         x = torch.logit(start.clamp(_DARK, 1 - _DARK))
-        made = [start]
+        images = [start]
         for prior in self.priors:
             shown = x.sigmoid()
             better, gradient, least = improved(shown.detach(), deviance)
@@ -173,8 +175,8 @@ class Unrolled(nn.Module):
             maps = torch.cat(numbers, dim=1)[..., None, None].expand(-1, -1, self.frame, self.frame)
             pictures = torch.stack([x / 4, shown, better, gradient], dim=1)
             x = x + prior(torch.cat([pictures, candidates.pictures, maps], dim=1))
-            made.append(x.sigmoid())
-        return made
+            images.append(x.sigmoid())
+        return images
 
 
 class Candidates(NamedTuple):
@@ -200,10 +202,10 @@ def ranked(answers: Tensor, deviance: Deviance) -> tuple[Tensor, Tensor]:
     """Answers float[B, K, n, n] of brightest pixel 1, the most probable first, the others moved onto it."""
     with torch.no_grad():
         answers = answers / answers.amax((-2, -1), keepdim=True).clamp_min(1e-6)
-        found, order = deviance(answers).sort(dim=1)
+        deviances, order = deviance(answers).sort(dim=1)
         answers = answers.gather(1, order[..., None, None].expand_as(answers))
         first = answers[:, :1].expand_as(answers)
-        return torch.cat([answers[:, :1], align(answers[:, 1:], first[:, 1:])], dim=1), found
+        return torch.cat([answers[:, :1], align(answers[:, 1:], first[:, 1:])], dim=1), deviances
 
 
 def improved(image: Tensor, deviance: Deviance, steps: int = 1) -> tuple[Tensor, Tensor, Tensor]:
@@ -244,9 +246,9 @@ def settled(
             deviance(logarithm.exp()).sum().backward()
             optimizer.step()
     with torch.no_grad():
-        found = logarithm.exp()
-        found = found / found.amax((-2, -1), keepdim=True)
-        return found, deviance(found)
+        brightness = logarithm.exp()
+        brightness = brightness / brightness.amax((-2, -1), keepdim=True)
+        return brightness, deviance(brightness)
 
 
 def invariant_loss(image: Tensor, target: Tensor) -> Tensor:

@@ -147,8 +147,8 @@ class Covariance(Pictured, Labelled):
         realizations = whole_number("Covariance.sample realizations", realizations, 1)
         t, v = self.value.shape[:2]
         held = 16.0 * t * v * realizations
-        told = f"{realizations} fields"
-        require_memory("Covariance.sample realizations", "held", held, told, "Draw fewer at a time.", share=0.9)
+        amount = f"{realizations} fields"
+        require_memory("Covariance.sample realizations", "held", held, amount, "Draw fewer at a time.", share=0.9)
         values, vectors = np.linalg.eigh(self.value.reshape(t * v, t * v))
         root = vectors * np.sqrt(np.clip(values, 0, None) / 2)
         key = stream_key(seed, Stream.EIGEN)
@@ -264,10 +264,10 @@ def covariance(
     require_reach("covariance", min(variances, default=0.0), count)
     asked = (t * v) ** 2 / 2 if chosen is None else float(len(chosen))
     require_covariance_time("covariance", scene, reverse, count, asked)
-    found, powers = run(count, seed)
+    estimate, powers = run(count, seed)
     _warn("covariance", variances, powers)
-    found = replace(found, decisions=decisions)
-    return found if pairs is not None else found.reshaped((t, v, t, v))
+    estimate = replace(estimate, decisions=decisions)
+    return estimate if pairs is not None else estimate.reshaped((t, v, t, v))
 
 
 def covariance_blocks(
@@ -335,13 +335,13 @@ def _blocks(
         part = slice(start, min(start + rows, t * v))
         entries = some_rows(part, t * v)
         with shielded():
-            found, powers = _estimate(
+            estimate, powers = _estimate(
                 tracer, tracer.layout, budget.paths, budget.seed, reverse=bool(budget.reverse), entries=entries,
                 threads=budget.threads,
             )  # fmt: skip
         if start == 0:
             _warn(budget.owner, variances, powers)
-        yield part, found.reshaped((part.stop - part.start, t, v))
+        yield part, estimate.reshaped((part.stop - part.start, t, v))
 
 
 def _estimate(
@@ -353,15 +353,15 @@ def _estimate(
         tracer, seen, paths, seed, reverse=reverse, entries=entries, threads=threads, stream=stream
     )  # fmt: skip
     total, single = sums.total, sums.single
-    found = Covariance(total, sums.error, single, total - single, paths, reverse, sums.relative, sums.unfinished)
-    return found, sums.powers
+    estimate = Covariance(total, sums.error, single, total - single, paths, reverse, sums.relative, sums.unfinished)
+    return estimate, sums.powers
 
 
 def _warn(owner: str, variances: tuple[float, ...], powers: np.ndarray) -> None:
     """Warn of views that are dark beside others, and of errors that rest on few paths."""
-    told = dark_views(variances, powers.sum(axis=0))
-    if told:
-        warn_user(f"dark views: {told}.")
+    dark = dark_views(variances, powers.sum(axis=0))
+    if dark:
+        warn_user(f"dark views: {dark}.")
     warn_of_rare_paths(owner, powers)
 
 

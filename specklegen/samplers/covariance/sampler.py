@@ -43,9 +43,9 @@ def unasked_obstacle(scene: Scene, request: Request) -> str | None:
 def least_operations(scene: Scene, pilot: Pilot, paths: int) -> Mapping[str, float]:
     """Operations of a covariance as any pilot of a scene predicts them, before one of its own is traced."""
     pairs = float(len(scene.lights) * math.prod(scene.sensor.shape))
-    found = Counter(covariance_operations(scene, pilot, paths))
-    found.update(eigen_operations(pairs))
-    return found
+    operations = Counter(covariance_operations(scene, pilot, paths))
+    operations.update(eigen_operations(pairs))
+    return operations
 
 
 @dataclass(frozen=True)
@@ -87,9 +87,9 @@ class Eigenfields(Sampler, name="covariance"):
 
     def operations(self) -> Mapping[str, float]:
         """Operations of the covariance, its eigenvectors and one field."""
-        found = Counter(self.setup())
-        found.update(field_operations(self._pairs))
-        return found
+        operations = Counter(self.setup())
+        operations.update(field_operations(self._pairs))
+        return operations
 
     def setup(self) -> Mapping[str, float]:
         """Operations of the covariance and its eigenvectors."""

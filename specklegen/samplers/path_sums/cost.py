@@ -125,11 +125,11 @@ def operations(work: Work) -> dict[str, float]:
             tracing = {name: _pieces(work) * count for name, count in tracing.items()}
         together, groups = (1, work.lights) if work.one_by_one else (work.lights, 1)
         if work.nufft:
-            found = nufft_operations(work.nufft, together, work.connections, work.chunks.count)
+            summation = nufft_operations(work.nufft, together, work.connections, work.chunks.count)
         else:
-            found = direct_operations(together, work.connections * work.ways, work.views, work.plain)
-            found["end"] *= _POLARISED[work.polarisation]
-        return tracing | {name: groups * count for name, count in found.items()}
+            summation = direct_operations(together, work.connections * work.ways, work.views, work.plain)
+            summation["end"] *= _POLARISED[work.polarisation]
+        return tracing | {name: groups * count for name, count in summation.items()}
     both = work.connections * work.ways
     light, sensor = work.scene.illumination, work.scene.sensor
     near = both * ((work.lights if light.near else 0) + (work.views if sensor.near else 0))

@@ -151,7 +151,7 @@ def _powers(media: PathMedia) -> np.ndarray:
     scene, n = imaging.sampler.scene, imaging.divisions
     weights = division_weights(n).astype(np.float32)
     rows, columns = (side // n for side in scene.sensor.shape)
-    found = np.zeros((len(scene.lights), rows, columns), np.float32)
+    intensity = np.zeros((len(scene.lights), rows, columns), np.float32)
     with one_blas_thread():
         for seed in media.seeds:
             for (beams, down, across), field in _pieces(media, seed):
@@ -161,23 +161,23 @@ def _powers(media: PathMedia) -> np.ndarray:
                 first, left = down.start // n, across.start // n
                 power = np.add.reduceat(power, _starts(down, n), axis=1)
                 power = np.add.reduceat(power, _starts(across, n), axis=2)
-                found[beams, first : first + power.shape[1], left : left + power.shape[2]] += power
-    found /= len(media.seeds) * imaging.unit
-    return found.astype(np.float16 if imaging.shared else np.float32).reshape(imaging.tilts, -1, rows, columns)
+                intensity[beams, first : first + power.shape[1], left : left + power.shape[2]] += power
+    intensity /= len(media.seeds) * imaging.unit
+    return intensity.astype(np.float16 if imaging.shared else np.float32).reshape(imaging.tilts, -1, rows, columns)
 
 
 def _planes(media: PathMedia) -> np.ndarray:
     """Intensity of the one beam on every plane in focus, float32[planes, H, W], mean over the polarisations."""
     planes = media.imaging.planes
-    found = np.zeros((len(planes), *planes[0].camera.shape))
+    intensity = np.zeros((len(planes), *planes[0].camera.shape))
     with one_blas_thread():
         for seed in media.seeds:
             whole = np.zeros((1, *media.imaging.sampler.scene.sensor.shape), np.complex64)
             for where, field in _pieces(media, seed):
                 whole[where] = field
-            for image, lens in zip(found, planes, strict=True):
+            for image, lens in zip(intensity, planes, strict=True):
                 image += np.square(np.abs(lens.image(whole)[0]))
-    return (found / (len(media.seeds) * media.imaging.unit)).astype(np.float32)
+    return (intensity / (len(media.seeds) * media.imaging.unit)).astype(np.float32)
 
 
 def _superposed(media: PathMedia, seed: Seed, amplitudes: np.ndarray) -> np.ndarray:

@@ -114,9 +114,9 @@ def build_nufft_plan(
     single = None if multiple is None else single_factor(layout, tiling, _FACTOR_SHARE * tolerance)
     if multiple is None or single is None:
         return None
-    found = NufftPlan(tiling, multiple, single, share, tolerance)
+    plan = NufftPlan(tiling, multiple, single, share, tolerance)
     # Of several types each has an s(i . v) of its own, which no common factor at the end holds.
-    return found if len(layout.table.kinds) == 1 else together(layout, found)
+    return plan if len(layout.table.kinds) == 1 else together(layout, plan)
 
 
 def together(layout: Layout, summation: NufftPlan) -> NufftPlan | None:

@@ -99,8 +99,8 @@ class PathSums(Sampler, name="paths"):
             one_by_one=pilot.tracer.layout.middle is not None,
         )
         doubt = far_field_decision(scene)
-        said = [decision, *([doubt] if doubt else []), *lit_elsewhere(scene, pilot.bank)]
-        return cls(scene, work, pilot, request.reverse), said
+        decisions = [decision, *([doubt] if doubt else []), *lit_elsewhere(scene, pilot.bank)]
+        return cls(scene, work, pilot, request.reverse), decisions
 
     @property
     def summation(self) -> str:
@@ -161,8 +161,8 @@ class PathSums(Sampler, name="paths"):
         def direct(ways: int) -> Mapping[str, float]:
             return tracing | direct_operations(work.lights, work.connections * ways, work.views, work.plain)
 
-        found = {"the direct sum": direct(1)} if work.nufft else {}
-        return found if self.reverse else found | {"adding reversed paths (reverse=True)": direct(2)}
+        others = {"the direct sum": direct(1)} if work.nufft else {}
+        return others if self.reverse else others | {"adding reversed paths (reverse=True)": direct(2)}
 
     def memory(self, threads: int) -> int:
         """Bytes by which the process grows at most."""
@@ -254,17 +254,17 @@ class PathRenderer:
         sampler, layout = self.sampler, self.sampler.tracer.layout
         times = np.asarray(sampler.scene.beams.times)
         moving = frames(layout, bank, film_roots(sampler.scene), times, self.seed, realization, threads)
-        found = []
+        fields = []
         for t, moved in enumerate(islice(moving, chosen.stop)):
             if t < chosen.start:
                 continue
             light = layout.of_lights(slice(t, t + 1))
             if sampler.nufft and tile:
-                found.append(nufft_frame(light, bank, phases[0], sampler.nufft, tile, moved, threads=threads))
+                fields.append(nufft_frame(light, bank, phases[0], sampler.nufft, tile, moved, threads=threads))
             else:
                 light = light.of_views(_views(sampler.scene, tile)) if tile else light
-                found.append(direct_field(light, bank, phases, moved=moved, threads=threads))
-        return np.concatenate(found)
+                fields.append(direct_field(light, bank, phases, moved=moved, threads=threads))
+        return np.concatenate(fields)
 
     def fields(self, number: int) -> Iterator[tuple[Where, np.ndarray]]:
         """Sums in the same order over parts of the tilts and views, complex64: tiles of at most 512 x 512 views."""
@@ -301,12 +301,12 @@ class PathRenderer:
 
 def _kept(bank: Bank) -> Bank:
     """The same, which remembers every chunk."""
-    found = {}
+    chunks = {}
 
     def kept(n: int, threads: Threads) -> tuple[PathBank, Phases]:
-        if n not in found:
-            found[n] = bank(n, threads)
-        return found[n]
+        if n not in chunks:
+            chunks[n] = bank(n, threads)
+        return chunks[n]
 
     return kept
 

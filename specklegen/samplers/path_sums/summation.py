@@ -42,12 +42,12 @@ def scene_nufft(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan | No
             flat = constant_factor(tiling)
             if cost(NufftPlan(tiling, flat, None, 0.0, tolerance)) >= least:
                 break
-            found = build_nufft_plan(layout, pilot.bank, scene.grid, tolerance, tiling)
-            if found is None:
+            candidate = build_nufft_plan(layout, pilot.bank, scene.grid, tolerance, tiling)
+            if candidate is None:
                 continue
-            found = min(filter(None, (found, together(layout, found))), key=cost)
-            if cost(found) < least:
-                best, least = found, cost(found)
+            candidate = min(filter(None, (candidate, together(layout, candidate))), key=cost)
+            if cost(candidate) < least:
+                best, least = candidate, cost(candidate)
             elif best is not None:
                 break
     return best

@@ -81,15 +81,15 @@ class Tiling:
 
 def tilings(grid: FarFieldGrid) -> list[Tiling]:
     """Cuts of a grid: one tile where it is small enough, then ever smaller ones down to 8 views a side."""
-    found = []
+    cuts = []
     for parts in _PARTS:
         side = -(-max(grid.shape) // parts)
-        if found and side < _LEAST_VIEWS:
+        if cuts and side < _LEAST_VIEWS:
             break
         if side <= MOST_VIEWS:
             rows, columns = (-(-n // -(-n // side)) for n in grid.shape)
-            found.append(Tiling(grid, (rows, columns)))
-    return found
+            cuts.append(Tiling(grid, (rows, columns)))
+    return cuts
 
 
 def coarsest(grid: FarFieldGrid) -> Tiling:

@@ -169,8 +169,8 @@ def error_of_single(layout: Layout, factor: ViewFactor, tiling: Tiling, bank: Pa
         return np.swapaxes(s * factor_values(layout, own, tile, steps), 1, 2)
 
     cases = [(tiling.tiles[n], own) for n in _outline(tiling) for own in seen]
-    found = [values(tile, factor.steps, own) for tile, own in cases]
-    return _worst(found, patterns, [values(tile, spots, own) for tile, own in cases])
+    at_nodes = [values(tile, factor.steps, own) for tile, own in cases]
+    return _worst(at_nodes, patterns, [values(tile, spots, own) for tile, own in cases])
 
 
 def _depths(layout: Layout) -> PathBank:
@@ -212,15 +212,15 @@ def _decompose(
         at_nodes = [values(*judge, lattice.steps) for judge in few]
         if _worst(at_nodes, lattice.at(np.eye(nodes**2), spots), rough) > tolerance:
             continue  # no rank helps where the lattice itself does not resolve F
-        found = _training_values(train, train_weight, tiling, lattice, values)
-        r, pivots = pivoted(found)
+        training = _training_values(train, train_weight, tiling, lattice, values)
+        r, pivots = pivoted(training)
         tails = np.sqrt(np.cumsum(np.square(np.abs(r)).sum(axis=1)[::-1])[::-1])
         # A finer lattice only asks for more; pivoting comes within a factor 2 of the least rank.
         if (tails > tolerance * tails[0]).sum() > 2 * MAX_RANK:
             return None
         # The tails bound the rank from above, generously; the held-out error decides.
         regular = int((np.abs(np.diagonal(r)) > 1e-13 * np.abs(r[0, 0])).sum())
-        most = min(int((tails > 0.2 * tolerance * tails[0]).sum()) + 8, MAX_RANK, regular, len(found) // 2 + 1)
+        most = min(int((tails > 0.2 * tolerance * tails[0]).sum()) + 8, MAX_RANK, regular, len(training) // 2 + 1)
         truths = truths or [values(*judge, spots) for judge in judges]
         skeletons = [values(*judge, lattice.steps[pivots[:most]]) for judge in judges]
         factor = _least_rank(lattice, r[:most], pivots, skeletons, spots, truths, tolerance)
@@ -293,12 +293,12 @@ def _share(bank: PathBank, weight: np.ndarray, n: int, of: int, most: int) -> tu
 def _training_values(train: PathBank, weight: np.ndarray, tiling: Tiling, lattice: "_Lattice", values) -> np.ndarray:
     """F at the nodes, complex128[rows, nodes * nodes]: a few tiles spread over the grid, each of equal power."""
     size = min(len(train), 6 * len(lattice.steps) + 64)
-    chosen, tiles, found = _outline(tiling), tiling.tiles, []
+    chosen, tiles, rows = _outline(tiling), tiling.tiles, []
     for n, tile in enumerate(tiles[c] for c in chosen):
         part = slice(n, size, len(chosen)) if size > len(chosen) else slice(0, size)
         some = values(tile, train.select(part), weight[part], lattice.steps)
-        found.append(some / max(np.linalg.norm(some), 1e-300))
-    return np.concatenate(found)
+        rows.append(some / max(np.linalg.norm(some), 1e-300))
+    return np.concatenate(rows)
 
 
 def _outline(tiling: Tiling) -> list[int]:

@@ -33,7 +33,7 @@ def screen_imagings(request: MediaRequest) -> list[tuple[list[int], Imaging]]:
         films through more than two screens whose frames are not like tilts.
     """
     sight, moved = request.sight, request.moved
-    stacks = [made() for made in request.media]
+    stacks = [make() for make in request.media]
     assert all(isinstance(stack, ScreenStack) for stack in stacks)
     if moved is not None:
         films = [_film(sight, n, stack.stack, moved[n].cpu().numpy()) for n, stack in enumerate(stacks)]  # type: ignore[union-attr]
@@ -43,15 +43,15 @@ def screen_imagings(request: MediaRequest) -> list[tuple[list[int], Imaging]]:
     by_degree: dict[int, list[int]] = {}
     for n, (degree, _) in enumerate(envelopes):
         by_degree.setdefault(degree, []).append(n)
-    found = []
+    prepared = []
     for degree, places in by_degree.items():
         polynomials = torch.from_numpy(over_object(sight.shape, degree)).to(sight.device)
-        made = imagings(sight.at(places), request.correlations.at(places), tolerance=request.tolerance)
-        for some, imaging in made:
+        grouped = imagings(sight.at(places), request.correlations.at(places), tolerance=request.tolerance)
+        for some, imaging in grouped:
             at = [places[n] for n in some]
             gains = torch.from_numpy(np.stack([envelopes[n][1] for n in at])).to(imaging.envelope)
-            found.append((at, replace(imaging, gains=gains, polynomials=polynomials.to(imaging.envelope))))
-    return found
+            prepared.append((at, replace(imaging, gains=gains, polynomials=polynomials.to(imaging.envelope))))
+    return prepared
 
 
 def _film(sight: Sight, n: int, stack: ScreenStack, moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,8 +92,8 @@ def _envelope(sight: Sight, n: int, stack: ScreenStack) -> tuple[int, np.ndarray
         light_x, light_y = (base[:, axis, None] + half[axis] * points for axis in (0, 1))
         lobe = terms.over_grid((x - light_x[..., None])[:, None], (y - light_y[..., None])[:, :, None])
         forward = np.sqrt(1 - np.square(light_x)[:, None] - np.square(light_y)[:, :, None])
-        found = lobe * (1 - np.square(x) - np.square(y)[:, None]) / forward[..., None, None]
-        return found.reshape(len(base), -1, len(y), len(x))
+        intensity = lobe * (1 - np.square(x) - np.square(y)[:, None]) / forward[..., None, None]
+        return intensity.reshape(len(base), -1, len(y), len(x))
 
     pitch = float(sight.camera_pitch[n])
     y, x = (

@@ -144,7 +144,7 @@ def stack_like(slab: Slab, *, wavelength: float, screens: int = 8, paths: int = 
     if not np.isfinite(half):
         reject("stack_like slab", "one whose speckle decorrelates with tilt", slab, "Its light is scattered once.")
     q = np.linspace(0.0, _REACH * half, _TILTS)
-    found, _, error = correlation.intensity(q)
+    intensity, _, error = correlation.intensity(q)
     radiance = float(closed.weights.sum() / (correlation.weights.sum() / correlation.paths))
     through = transmittance(slab, paths, pilot_seed(slab.unitless_fingerprint()))
-    return Replacement(stack, q / wavenumber, found, np.square(closed(q)), error, radiance, *through)
+    return Replacement(stack, q / wavenumber, intensity, np.square(closed(q)), error, radiance, *through)

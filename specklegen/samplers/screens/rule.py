@@ -38,16 +38,16 @@ def screens_decision(scene: Scene, request: Request) -> tuple[bool, Decision]:
     if scene.sensor.regular_grid is None:
         reject("Scene.sensor", "a regular far-field grid behind thin screens", scene.sensor.type,
                "Use FarField.grid(...).")  # fmt: skip
-    found = errors(scene)
-    said = "; ".join(f"{what} {value:.2g}" for what, value in found.items()) + f", allowed {request.tolerance:g}"
-    worst = max(found, key=lambda what: found[what])
-    right = found[worst] <= request.tolerance
+    deviations = errors(scene)
+    reason = "; ".join(f"{what} {value:.2g}" for what, value in deviations.items()) + f", allowed {request.tolerance:g}"
+    worst = max(deviations, key=lambda what: deviations[what])
+    right = deviations[worst] <= request.tolerance
     if not right and request.asked != part:
         reject(
-            "Scene", f"such that screens are drawn within {request.tolerance:g}", f"{worst} {found[worst]:.2g}",
+            "Scene", f"such that screens are drawn within {request.tolerance:g}", f"{worst} {deviations[worst]:.2g}",
             f"{_REMEDIES[worst]} Or ask for sampler=\"screens\" all the same.",
         )  # fmt: skip
-    return True, Decision(part, True, f"in closed form; {said}", doubt=not right)
+    return True, Decision(part, True, f"in closed form; {reason}", doubt=not right)
 
 
 MEMORY, GAUSSIAN, MIRROR = (
@@ -71,8 +71,8 @@ def errors(scene: Scene) -> dict[str, float]:
         return {MEMORY: 0.0}
     facets = scene.beams.window.area / (np.pi * np.square(stack.correlation_lengths).max())
     darkest = float(profile(terms, np.array([_farthest(scene)]))[0]) ** 2
-    found = {MEMORY: _memory_error(scene, stack, terms), GAUSSIAN: FACETS / (facets * max(darkest, _DIM))}
-    return found | ({MIRROR: _mirror_error(scene, terms)} if len(stack.screens) > 1 else {})
+    deviations = {MEMORY: _memory_error(scene, stack, terms), GAUSSIAN: FACETS / (facets * max(darkest, _DIM))}
+    return deviations | ({MIRROR: _mirror_error(scene, terms)} if len(stack.screens) > 1 else {})
 
 
 def _farthest(scene: Scene) -> float:
@@ -105,8 +105,8 @@ def _memory_error(scene: Scene, stack: ScreenStack, terms: Lobes) -> float:
                 worst = max(worst, abs(exact - modelled))
                 for kappa in aside:
                     aslant = way + tilt_ways(stack, kappa)
-                    found = abs(terms.correlation(view - farthest + (tilt + kappa) / 2, aslant))
-                    worst = max(worst, _GAIN**2 * abs(found**2 - modelled))
+                    amplitude = abs(terms.correlation(view - farthest + (tilt + kappa) / 2, aslant))
+                    worst = max(worst, _GAIN**2 * abs(amplitude**2 - modelled))
     return worst
 
 

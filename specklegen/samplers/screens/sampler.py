@@ -68,8 +68,8 @@ class Screens(Sampler, name="screens"):
         """How far the pattern has moved at each beam, float64[T, 2], about the middle of the film."""
         if self.moved is None:
             return None
-        found = drifts(self.stack, self.scene.wavelength, self.moved)
-        return found - (found.min(axis=0, initial=np.inf) + found.max(axis=0, initial=-np.inf)) / 2
+        shifts = drifts(self.stack, self.scene.wavelength, self.moved)
+        return shifts - (shifts.min(axis=0, initial=np.inf) + shifts.max(axis=0, initial=-np.inf)) / 2
 
     @property
     def intensity(self) -> float:
@@ -166,10 +166,10 @@ class ScreensRenderer:
         scene, beam = self.sampler.scene, slice(t, t + 1)
         views = self.sampler._grid.directions
         drift = None if self.sampler.drift is None else self.sampler.drift[beam]
-        found = envelope(self.sampler.stack, scene.wavelength, scene.beams.directions[beam], views, drift)
+        tilt_envelope = envelope(self.sampler.stack, scene.wavelength, scene.beams.directions[beam], views, drift)
         if not self.sampler.streamed:
-            self._envelopes[t] = found
-        return found
+            self._envelopes[t] = tilt_envelope
+        return tilt_envelope
 
     @cached_property
     def _envelopes(self) -> dict[int, Envelope]:

@@ -54,23 +54,23 @@ class Convolution(Stationary, name="convolution"):
             return None, []
         lost, error = scene_loss(scene)
         enough = lost + 2 * error <= request.tolerance
-        told = f"1 - C_I between the object's far corners is {lost:.2g} +- {error:.1g}, allowed {request.tolerance:g}"
+        reason = f"1 - C_I between the object's far corners is {lost:.2g} +- {error:.1g}, allowed {request.tolerance:g}"
         if not (asked or enough):
-            return None, [Decision(PART, False, told)]
-        served, said = Stationary.propose(scene, replace(request, asked=Stationary.name) if asked else request)
+            return None, [Decision(PART, False, reason)]
+        served, decisions = Stationary.propose(scene, replace(request, asked=Stationary.name) if asked else request)
         if served is None:
             return None, []
         doubt = asked and not enough
-        decision = Decision(PART, True, f"asked for; {told}" if asked else told, doubt, lost if doubt else 0.0)
-        return cls(**{each.name: getattr(served, each.name) for each in fields(served)}), [*said, decision]
+        decision = Decision(PART, True, f"asked for; {reason}" if asked else reason, doubt, lost if doubt else 0.0)
+        return cls(**{each.name: getattr(served, each.name) for each in fields(served)}), [*decisions, decision]
 
     def instead(self, said: Sequence[Decision]) -> tuple[Stationary, tuple[Decision, ...]]:
         """The stationary sampler of the same scene, with the modes of the memory effect."""
-        told = tuple(
+        decisions = tuple(
             replace(each, needed=False, reason=f"{each.reason}; but other media of the recipe need modes")
             if each.part == PART else each for each in said
         )  # fmt: skip
-        return Stationary(**{each.name: getattr(self, each.name) for each in fields(self)}), told
+        return Stationary(**{each.name: getattr(self, each.name) for each in fields(self)}), decisions
 
     def prepare_media(self, request: MediaRequest) -> "list[tuple[list[int], Imaging]]":
         """Make media ready, whose memory effect is taken as complete; in time it stays what it is."""
@@ -128,10 +128,10 @@ def scene_loss(scene: Scene) -> tuple[float, float]:
 
     light, slab = object_of(scene), as_slab(scene.slab)
     far = scene.wavenumber * light.pitch * np.hypot(*(n - 1 for n in light.brightness.shape))
-    found = None if slab is None else atlas_correlation(slab)
-    if found is None:
-        found = estimate_correlation(scene.slab, PILOT_PATHS, pilot_seed(scene.unitless_fingerprint()), threads=1)
-    if not found.weights.any():
+    correlation = None if slab is None else atlas_correlation(slab)
+    if correlation is None:
+        correlation = estimate_correlation(scene.slab, PILOT_PATHS, pilot_seed(scene.unitless_fingerprint()), threads=1)
+    if not correlation.weights.any():
         return 0.0, 0.0
-    _, lost, error = found.intensity(np.array([far]))
+    _, lost, error = correlation.intensity(np.array([far]))
     return float(lost[0]), float(error[0])

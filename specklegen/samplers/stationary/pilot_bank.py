@@ -122,9 +122,9 @@ class PilotBank:
         """Sums over batches, float64[64, n], of what ``block`` finds for some connections, float64[n, m]."""
         totals: list[np.ndarray] = []
         for bank, batches, starts in self._blocks(width):
-            found = block(bank)
-            totals = totals or [np.zeros((self._batches, len(each))) for each in found]
-            for total, each in zip(totals, found, strict=True):
+            terms = block(bank)
+            totals = totals or [np.zeros((self._batches, len(each))) for each in terms]
+            for total, each in zip(totals, terms, strict=True):
                 np.add.at(total, batches, np.add.reduceat(each, starts, axis=1).T)
         return totals or [np.zeros((self._batches, len(each))) for each in block(self.bank)]
 

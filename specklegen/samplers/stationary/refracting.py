@@ -49,14 +49,14 @@ def refracting_decision(scene: Scene, request: Request, obstacle: str | None) ->
     if obstacle:
         return Decision("stationary sampler", False, obstacle)
     error = scene_error(scene, request.tolerance)
-    said = (
+    reason = (
         f"layers that refract, seen along the axis: its correlations are off by {error.correlation:.2g} +- "
         f"{error.correlation_error:.1g}, and without steps its intensities would be by {error.intensity:.2g} +- "
         f"{error.intensity_error:.1g}, allowed {request.tolerance:g}"
     )
     accepted = error.accepts(request.tolerance)
     asked = request.asked == "stationary"
-    return Decision("stationary sampler", accepted or asked, said, doubt=asked and not accepted)
+    return Decision("stationary sampler", accepted or asked, reason, doubt=asked and not accepted)
 
 
 def _beyond_axis(scene: Scene) -> str | None:
@@ -103,10 +103,10 @@ def scene_error(scene: Scene, tolerance: float) -> StationaryError:
     value, error = jackknife(table, differences)
     worst = np.abs(value).argmax()
     even = scene.replace(medium=without_steps(scene.slab))
-    found = stationary_error(even, slab_tracer(even, False, aside=False), tolerance)
+    even_error = stationary_error(even, slab_tracer(even, False, aside=False), tolerance)
     inside = scene.slab.faces.inside
     wider = max(1.0, inside / min((*scene.slab.indices, inside))) ** 2
     return replace(
-        found, correlation=float(abs(value[worst])), correlation_error=float(error[worst]),
-        intensity=wider * found.intensity, intensity_error=wider * found.intensity_error,
+        even_error, correlation=float(abs(value[worst])), correlation_error=float(error[worst]),
+        intensity=wider * even_error.intensity, intensity_error=wider * even_error.intensity_error,
     )  # fmt: skip

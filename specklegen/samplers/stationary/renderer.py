@@ -61,9 +61,9 @@ class Prepared:
             return self._film
         if self.sampler.tabulated is not None:
             slab = as_slab(scene.slab)
-            found = None if slab is None else atlas_correlation(slab, np.inf)
-            assert found is not None, "the planner has seen it there"
-            return found
+            correlation = None if slab is None else atlas_correlation(slab, np.inf)
+            assert correlation is not None, "the planner has seen it there"
+            return correlation
         if self.sampler.form == "axial":
             return axial_correlation(scene.slab, paths, threads=self.threads)
         light, view = reference_direction(scene.beams.directions), scene.grid.center_direction
@@ -76,14 +76,14 @@ class Prepared:
         assert scene.polarisers is not None, "asked for"
         light, view = reference_direction(scene.at_rest.beams.directions), scene.grid.center_direction
         ends = (AXIS, AXIS) if self.sampler.form == "axial" else (light, view)
-        found = polarised_fields(
+        fields = polarised_fields(
             scene.slab, scene.polarisers, *ends, self.sampler.paths, transfer=scene.film, threads=self.threads
         )
         if not scene.film:
-            return found
+            return fields
         law = law_of(scene.slab.motions)
         assert law is not None, "a film is of a medium that moves"
-        return replace(found, times=np.asarray(scene.beams.times), motion=law)
+        return replace(fields, times=np.asarray(scene.beams.times), motion=law)
 
     @cached_property
     def _polarised_correlation(self) -> "PolarisedCorrelation":
@@ -141,14 +141,14 @@ class Prepared:
         correlation = self.correlation
         if self.sampler.complete:
             correlation = replace(correlation, radius=np.zeros_like(correlation.radius))
-        found = object_imaging(
+        imaging = object_imaging(
             correlation, wavelength=scene.wavelength, object_shape=beams.brightness.shape,
             object_pitch=beams.pitch, width=beams.width, profile=beams.profile, grid=grid,
         )  # fmt: skip
         if self.sampler.maps is None:
-            return found
-        gains, polynomials = (torch.from_numpy(each).to(found.envelope) for each in self.sampler.maps.arrays())
-        return replace(found, gains=gains[None], polynomials=polynomials)
+            return imaging
+        gains, polynomials = (torch.from_numpy(each).to(imaging.envelope) for each in self.sampler.maps.arrays())
+        return replace(imaging, gains=gains[None], polynomials=polynomials)
 
     @cached_property
     def moved(self) -> np.ndarray | None:
@@ -197,26 +197,26 @@ class StationaryRenderer:
         hidden = scene.hides_object
         for number in range(count):
             with one_torch_thread():  # the white noise as well
-                found = (self._image(number) if hidden else shared.stacks.sample(self.seed, number)).numpy()
-            found = found if hidden or shared.sampler.envelope is None else found * shared.gains
-            found = found if shared.moved is None else found * shared.turned(slice(None))
+                drawn = (self._image(number) if hidden else shared.stacks.sample(self.seed, number)).numpy()
+            drawn = drawn if hidden or shared.sampler.envelope is None else drawn * shared.gains
+            drawn = drawn if shared.moved is None else drawn * shared.turned(slice(None))
             if number == count - 1:
                 PREPARED.trim()
-            yield Realization(found if hidden or scene.illumination.coherent else image_of(scene, found))
+            yield Realization(drawn if hidden or scene.illumination.coherent else image_of(scene, drawn))
 
     def fields(self, number: int) -> Iterator[tuple[Where, np.ndarray]]:
         """Tilt by tilt: the noise is held, no stack."""
         shared = self.shared
         rows, columns = shared.sampler.scene.sensor.shape
         for t, drawn in enumerate(shared.stacks.one_by_one(self.seed, number)):
-            found = drawn.numpy()
+            field = drawn.numpy()
             if shared.sampler.envelope is not None:
-                found = found * shared.gain(t)
+                field = field * shared.gain(t)
             if shared.moved is not None:
-                found = found * shared.turned(slice(t, t + 1))
+                field = field * shared.turned(slice(t, t + 1))
             if t == len(shared.sampler.scene.beams.directions) - 1:
                 PREPARED.trim()
-            yield (slice(t, t + 1), slice(0, rows), slice(0, columns)), found
+            yield (slice(t, t + 1), slice(0, rows), slice(0, columns)), field
 
     def _image(self, number: int) -> "torch.Tensor":
         from specklegen.synthesis.objects import object_media

@@ -87,23 +87,23 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
     best = min(
         errors, key=lambda m: (not errors[m].accepts(request.tolerance), m.enveloped, errors[m].largest)
     )  # fmt: skip
-    said = "; ".join(
+    reason = "; ".join(
         f"with the {model} its correlations are off by {error.correlation:.2g} +- "
         f"{error.correlation_error:.1g} and its intensities by {error.intensity:.2g} +- {error.intensity_error:.1g}"
         for model, error in errors.items()
     )
-    said += f", allowed {request.tolerance:g}"
+    reason += f", allowed {request.tolerance:g}"
     accepted = errors[best].accepts(request.tolerance)
     if not (accepted or request.thorough):
-        said += "; more pilot paths would take longer than path sums do"
+        reason += "; more pilot paths would take longer than path sums do"
     if asked:
-        return best, Decision(_PART, True, f"asked for; {said}", doubt=not accepted)
+        return best, Decision(_PART, True, f"asked for; {reason}", doubt=not accepted)
     least = min(errors, key=lambda model: errors[model].largest)
     if not accepted and errors[least].accepts(request.beside):
         lost = errors[least].largest
-        said += f"; {lost:.2g} with the {least} is less than the {request.beside:.2g} that path sums lose"
-        return least, Decision(_PART, True, said, doubt=True, error=lost)
-    return best if accepted else None, Decision(_PART, accepted, said)
+        reason += f"; {lost:.2g} with the {least} is less than the {request.beside:.2g} that path sums lose"
+        return least, Decision(_PART, True, reason, doubt=True, error=lost)
+    return best if accepted else None, Decision(_PART, accepted, reason)
 
 
 def stationary_obstacle(scene: Scene, reverse: bool) -> str | None:

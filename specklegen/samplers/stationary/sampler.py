@@ -120,8 +120,8 @@ class Stationary(Sampler, name="stationary"):
             paths = wanted if tabulated is None else 0
         hidden = envelope is not None and not scene.illumination.images
         maps = scene_object_maps(rest) if hidden else None
-        said = [decision, _source(paths, tabulated)]
-        return cls(scene, paths, model.form, pilot, request.streamed, envelope, maps, tabulated), said
+        decisions = [decision, _source(paths, tabulated)]
+        return cls(scene, paths, model.form, pilot, request.streamed, envelope, maps, tabulated), decisions
 
     @property
     def expected_error(self) -> float:
@@ -172,10 +172,10 @@ class Stationary(Sampler, name="stationary"):
         if self.scene.hides_object:
             drawn = ("normal", "image")
             return {name: count for name, count in self.operations().items() if name not in drawn}
-        found = self._estimate()
+        operations = self._estimate()
         if self.form == "oblique":
-            found["phasor"] = self.operations()["phasor"]
-        return found
+            operations["phasor"] = self.operations()["phasor"]
+        return operations
 
     def alternatives(self) -> Mapping[str, Mapping[str, float]]:
         """Fresh paths for every realization."""
@@ -224,10 +224,10 @@ def _tabulated(scene: Scene, form: Form, tolerance: float) -> Errors | None:
     slab = as_slab(scene.slab)
     if form != "axial" or scene.film or scene.polarisers is not None or slab is None:
         return None
-    found = atlas_errors(slab)
-    if found is None or found.correlation > min(tolerance / 2, TOLERANCE) or found.intensity > tolerance:
+    errors = atlas_errors(slab)
+    if errors is None or errors.correlation > min(tolerance / 2, TOLERANCE) or errors.intensity > tolerance:
         return None
-    return found
+    return errors
 
 
 def _source(paths: int, tabulated: Errors | None) -> Decision:

@@ -58,9 +58,9 @@ class StationaryError:
 
     def is_clear(self, tolerance: float, errors: float) -> bool:
         """Whether it is accepted or not, so many standard errors from the tolerance."""
-        found = np.array([self.correlation, self.intensity])
+        deviations = np.array([self.correlation, self.intensity])
         width = errors * np.array([self.correlation_error, self.intensity_error])
-        return bool((found + width).max() <= tolerance or (found - width).max() > tolerance)
+        return bool((deviations + width).max() <= tolerance or (deviations - width).max() > tolerance)
 
     def correlated(self, tolerance: float) -> bool:
         """Correlations are within the tolerance, two standard errors included."""
@@ -200,12 +200,12 @@ def _probe_lights(scene: Scene, between: float | None) -> np.ndarray:
         return middle[None]
     one = sines[np.square(sines - middle).sum(-1).argmax()]
     other = sines[np.square(sines - one).sum(-1).argmax()]
-    found = np.array([middle, one, other])
+    lights = np.array([middle, one, other])
     if scene.illumination.images:
-        return found
+        return lights
     if between is None:
-        return found if keeps_angle(scene, float(np.hypot(*(one - middle)))) else middle[None]
-    return np.concatenate([found, (1 - between) * middle + between * found[1:]])
+        return lights if keeps_angle(scene, float(np.hypot(*(one - middle)))) else middle[None]
+    return np.concatenate([lights, (1 - between) * middle + between * lights[1:]])
 
 
 def _nine_and_four(scene: Scene, reach: float) -> np.ndarray:
