@@ -1,8 +1,8 @@
 """A verdict on photographs of a bench that nobody described: what they hold, and whether phase retrieval will work.
 
 Everything is read off the frames: grain and camera noise from their frequencies
-(:mod:`~specklegen.models.recoverability.band`), contrast, the object's extent from where the autocorrelation falls to
-its own noise (Bartlett, *J. R. Stat. Soc. Suppl.* 8, 27 (1946)), saturation and bits from the counts, vibration from
+(:mod:`~specklegen.models.recoverability.band`), contrast, the object's extent from the autocorrelation
+and its own noise (:mod:`~specklegen.models.recoverability.extent`), saturation and bits from the counts, vibration from
 frames. The probability is that of :mod:`~specklegen.models.recoverability.verdict`, of the residual of the measured
 power under the lags that the object needs. Two of its numbers, complexity and bright area, belong to an image that is
 not there yet: their part is foretold from the contrast and from how much of the band the light fills, and its scatter
@@ -33,6 +33,7 @@ from specklegen.measured.files import Source
 from specklegen.measured.measurement import Measurement, read_measurement
 from specklegen.models.recoverability.autocorrelation_error import REACH
 from specklegen.models.recoverability.band import Band, fit_band, transfer
+from specklegen.models.recoverability.extent import find_extent
 from specklegen.models.recoverability.speckle_test import smoothed_moments
 from specklegen.models.recoverability.verdict import COEFFICIENTS, Reason, share
 from specklegen.models.retrieval.autocorrelation import taper
@@ -54,8 +55,6 @@ _ALONE = 6.0  # standard deviations of the background, from which on neighbourin
 _REFUSED = 20.0  # sum of squares of the evidence against speckle
 LEAST = 32  # pixels along each side
 _BLOCKS = 4  # along each side
-_AT_LEAST = 2.0  # grains across an object of one bright grain, and in proportion to the root of their number
-_SURE = 3.5  # standard deviations by which a ring of lags is above those far off
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -234,7 +233,9 @@ def judge_photograph(
     noise = band.noise if pairs is None else pairs
     variance = max(float(frames.var((1, 2)).mean()) - noise, 0.0)
     lags = _lags(frames, noise)
-    extent, peak, error, beside = _extent(lags, variance, band, frames)
+    found = find_extent(lags, frames, variance)
+    grain = float(np.sqrt(band.grain[0] * band.grain[1]))
+    extent, far = found.whole / grain, _far(lags, band, frames)
     evidence = _evidence(frames, band, noise, variance, seen.saturated)
     photons = None
     if camera is not None:
@@ -246,7 +247,7 @@ def judge_photograph(
     scatter = float(np.hypot(COEFFICIENTS["scatter"], _OBJECT_SCATTER))
     low, high = (float(1 / (1 + np.exp(-value - side * _NINETIETH * scatter))) for side in (-1, 1))
     probability = float(share(np.array(value), scatter))
-    against = _against(evidence, variance, beside)
+    against = _against(evidence, variance, float(lags[0, 1] + lags[1, 0]) / 2 / far)
     answer: Answer = "works" if value >= 0 else "needs frames" if needed is not None else "cannot"
     if against:
         answer, probability, (low, high), needed, reasons = "no speckle", 0.0, (0.0, 0.0), None, against
@@ -261,8 +262,8 @@ def judge_photograph(
     return PhotographVerdict(
         answer, probability, (low, high), needed, band.grain,
         float(np.hypot(band.error, _BIAS)) if band.edge >= _EDGE else float("inf"), float(np.sqrt(variance)),
-        float(error / (2 * max(np.sqrt(variance), 1e-9))), 1 / noise if noise > 1e-9 else float("inf"), photons, extent,
-        grains, peak, envelope, vibration, evidence, reasons, tuple(assumed), seen,
+        _contrast_error(lags, frames, variance, found.seen + grain), 1 / noise if noise > 1e-9 else float("inf"),
+        photons, extent, grains, variance / far, envelope, vibration, evidence, reasons, tuple(assumed), seen,
     )  # fmt: skip
 
 
@@ -337,27 +338,22 @@ def _lags(frames: np.ndarray, noise: float) -> np.ndarray:
     return found
 
 
-def _extent(lags: np.ndarray, variance: float, band: Band, frames: np.ndarray) -> tuple[float, float, float, float]:
-    """Extent of the object in grains; peak of the autocorrelation over the background's standard deviation; error of
-    the variance; and the autocorrelation one pixel off, over the same.
-    """
-    count, rows, columns = frames.shape
-    reach = min(rows, columns) // 2
-    fy, fx = (np.rint(np.fft.fftfreq(n) * n) for n in lags.shape)
-    radius = np.hypot(fy[:, None] / band.grain[0], fx / band.grain[1])
-    inside = (np.abs(fy)[:, None] < reach) & (np.abs(fx) < reach)
-    ring = np.where(inside, np.minimum(radius.astype(int), reach), reach + 1)
-    number = np.bincount(ring.ravel(), minlength=reach + 2)
-    square = np.bincount(ring.ravel(), np.square(lags).ravel(), minlength=reach + 2) / np.maximum(number, 1)
-    far = max(2, int(reach / max(band.grain)))
-    cells = np.maximum(number / (2 * band.grain[0] * band.grain[1]), 1.0)[:far]  # lags come in pairs
-    level = float(np.median(square[far // 2 : far]))
-    above = np.flatnonzero(square[:far] > level * (1 + _SURE * np.sqrt(2 / cells)))
-    last = int(above[-1]) if len(above) else 0
-    background = float(np.sqrt(max(level, 1e-30)))
-    total = np.square(lags[inside & (radius < last + 2)]).sum()  # Bartlett: of speckle and its noise
-    error = float(np.sqrt(2 * total / (count * rows * columns)))
-    return float(last + 1), float(variance / background), error, float((lags[0, 1] + lags[1, 0]) / 2 / background)
+def _far(lags: np.ndarray, band: Band, frames: np.ndarray) -> float:
+    """Standard deviation of far lags: of a picture, whose parts differ, larger than the scatter of speckle alone."""
+    reach = min(frames.shape[1:]) // 2
+    down, across = (np.abs(np.rint(np.fft.fftfreq(side) * side)) for side in lags.shape)
+    inside = (down[:, None] < reach) & (across < reach)
+    ring = np.hypot(down[:, None] / band.grain[0], across / band.grain[1]).astype(int)[inside]
+    square = np.bincount(ring, np.square(lags)[inside]) / np.maximum(np.bincount(ring), 1)
+    last = max(2, int(reach / max(band.grain)))
+    return float(np.sqrt(max(np.median(square[last // 2 : last]), 1e-30)))
+
+
+def _contrast_error(lags: np.ndarray, frames: np.ndarray, variance: float, reach: float) -> float:
+    """Standard error of the contrast, of the lags within so many pixels: Bartlett, of speckle and its noise."""
+    down, across = (np.fft.fftfreq(side) * side for side in lags.shape)
+    total = float(np.square(lags[np.hypot(down[:, None], across) < reach]).sum())
+    return float(np.sqrt(2 * total / frames.size) / (2 * max(np.sqrt(variance), 1e-9)))
 
 
 def _foretold(
@@ -370,8 +366,7 @@ def _foretold(
     weight = np.where((fx == 0) | (fx == 0.5), 1.0, 2.0) * np.ones_like(v)
     weight = np.where(np.hypot(fy[:, None] * frames.shape[1], fx * frames.shape[2]) < 2, 0.0, weight)
     light = band.light
-    # What is hidden in noise is no smaller than its bright grains allow.
-    share_kept = _kept(max(extent, _AT_LEAST / max(np.sqrt(variance), 1e-3)))
+    share_kept = _kept(extent)
     power = np.square(light * passed) * weight
     rough = np.sqrt((np.square((light + noise) * passed) * weight).sum() / max(power.sum(), 1e-300))
     error = rough * share_kept / grains / 2
