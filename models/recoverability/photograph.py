@@ -22,6 +22,7 @@ import numpy as np
 import torch
 from scipy.fft import next_fast_len
 from scipy.ndimage import convolve
+from scipy.optimize import root_scalar
 from scipy.stats import gamma
 
 from specklegen.core.arguments import instance
@@ -31,7 +32,7 @@ from specklegen.core.shielded import shielded
 from specklegen.instrument.camera import Camera
 from specklegen.measured.files import Source
 from specklegen.measured.measurement import Measurement, read_measurement
-from specklegen.models.recoverability.autocorrelation_error import REACH
+from specklegen.models.recoverability.autocorrelation_error import REACH, saturated
 from specklegen.models.recoverability.band import Band, fit_band, transfer
 from specklegen.models.recoverability.extent import find_extent
 from specklegen.models.recoverability.speckle_test import smoothed_moments
@@ -243,7 +244,8 @@ def judge_photograph(
         photons = float((seen.light.mean() - offset) * camera.gain)
     pixels = float(np.prod(seen.images.shape[1:]))  # all of the camera, be it larger than what was looked at
     grains = float(np.sqrt(pixels / (band.grain[0] * band.grain[1])))
-    value, needed, reasons = _foretold(frames, band, noise, variance, extent, grains, seen)
+    bent = _bent(lags, variance, found.whole, seen.saturated)
+    value, needed, reasons = _foretold(frames, band, noise, variance, extent, grains, bent, seen)
     scatter = float(np.hypot(COEFFICIENTS["scatter"], _OBJECT_SCATTER))
     low, high = (float(1 / (1 + np.exp(-value - side * _NINETIETH * scatter))) for side in (-1, 1))
     probability = float(share(np.array(value), scatter))
@@ -357,7 +359,14 @@ def _contrast_error(lags: np.ndarray, frames: np.ndarray, variance: float, reach
 
 
 def _foretold(
-    frames: np.ndarray, band: Band, noise: float, variance: float, extent: float, grains: float, seen: Measurement
+    frames: np.ndarray,
+    band: Band,
+    noise: float,
+    variance: float,
+    extent: float,
+    grains: float,
+    bent: float,
+    seen: Measurement,
 ) -> tuple[float, int | None, tuple[Reason, ...]]:
     """Logarithm of the odds; frames that would do, None where none would; what stands in the way."""
     fy, fx = band.frequencies
@@ -380,8 +389,7 @@ def _foretold(
     filled /= float(max((weight * passed).sum() ** 2 / max((weight * np.square(passed)).sum(), 1e-300), 1e-300))
     k0, k1, k2 = _OBJECT
     about = k0 + k1 * np.log(1 / min(contrast2, 1.0)) + k2 * np.log(float(np.clip(filled, 1e-3, 1.0)))
-    lost = _clipped(variance, seen.saturated)
-    bent = COEFFICIENTS["distortion_weight"] * lost
+    bent = COEFFICIENTS["distortion_weight"] * bent
     constant, slope = COEFFICIENTS["constant"] + about, COEFFICIENTS["residual"]
     per_frame = error / np.sqrt(len(frames))
     value = float(constant + slope * np.log(np.hypot(per_frame, bent)))
@@ -416,16 +424,33 @@ def _kept(extent: float) -> float:
     return float(np.sqrt(np.square(kept).sum())) / fine
 
 
-def _clipped(variance: float, saturated: float) -> float:
-    """Distortion of the modulus where a share of the pixels is full: gamma numbers of that contrast, cut off."""
-    if saturated <= 1e-5:
+def _bent(lags: np.ndarray, variance: float, extent: float, full: float) -> float:
+    """Sine of the angle between modulus with and without a share of full pixels, of an object of so many pixels."""
+    if full <= 1e-5:
         return 0.0
-    shape = 1 / max(variance, 1e-4)
-    x = gamma(shape, scale=1 / shape).ppf((np.arange(1000) + 0.5) / 1000)
-    cut = np.minimum(x, np.quantile(x, 1 - min(saturated, 0.999)))
-    if cut.std() < 1e-12:
-        return 1.0
-    return float(np.sqrt(max(0.0, 1 - np.corrcoef(x, cut)[0, 1] ** 2)))
+    window = min(2 * int(np.ceil(REACH * extent)) + 8, *(side - side % 2 for side in lags.shape))
+    at = np.rint(np.fft.fftfreq(window) * window).astype(int)
+    light = lags[np.ix_(at, at)] / max(variance, 1e-9)
+    light[0, 0] = 1.0
+    below = np.minimum((np.arange(1000) + 0.5) / 1000, 1 - min(full, 0.999))
+
+    def off(log_shape: float) -> float:
+        x = gamma(np.exp(log_shape), scale=np.exp(-log_shape)).ppf(below)
+        return float(np.log(max(x.var(), 1e-30) / x.mean() ** 2 / max(variance, 1e-9)))
+
+    least, most = 0.0, 9.2  # of ln shape, 1 / contrast^2 before the pixels were full
+    log_shape = float(np.clip(-np.log(max(variance, 1e-9)), least, most))
+    if off(least) > 0 > off(most):
+        log_shape = float(root_scalar(off, bracket=(least, most)).root)
+    shape = float(np.exp(log_shape))
+    level = float(gamma(shape, scale=1 / shape).ppf(below[-1]))
+    steps = np.linspace(0, 1, 101)  # correlation of the light, and of what full pixels leave of it
+    left = saturated(np.append(1.0, steps)[None, :, None] / shape, 0.0, level)[0][0, :, 0]
+    whole = np.interp(light, left[1:] / left[0], steps)
+    kept = taper(window, 0.85 * REACH * extent, 1.2 * REACH * extent).numpy()
+    one, other = (np.fft.fft2(each * kept).real.clip(0).ravel()[1:] for each in (whole, light.clip(0)))
+    overlap = np.square(np.sqrt(one * other).sum()) / max(one.sum() * other.sum(), 1e-300)
+    return float(np.sqrt(max(0.0, 1 - overlap)))
 
 
 def _evidence(
