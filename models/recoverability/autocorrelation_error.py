@@ -180,7 +180,7 @@ def residual(conditions: Conditions) -> Residual:
     side, objects, passed, c_i, ideal, seen = _light(conditions)
     window = len(passed)
     kept = taper(window, 0.85 * REACH * side, 1.2 * REACH * side).numpy()
-    measured, noise = _saturated(seen, GRID**2 / conditions.electrons, conditions.saturation)
+    measured, noise = saturated(seen, GRID**2 / conditions.electrons, conditions.saturation)
     left = _envelope(conditions)
     total = np.abs(np.fft.fft2(measured)) + noise[:, None, None] * left.noise**2
     measured = _enveloped(measured, left.light, conditions)
@@ -222,7 +222,7 @@ def _bright_area(shown: np.ndarray) -> np.ndarray:
     return (shown > 0.5 * shown.max((1, 2), keepdims=True)).sum((1, 2)) / GRID**2
 
 
-def _saturated(seen: np.ndarray, noise: float, level: float) -> tuple[np.ndarray, np.ndarray]:
+def saturated(seen: np.ndarray, noise: float, level: float) -> tuple[np.ndarray, np.ndarray]:
     """Autocovariance over the squared mean, and the noise's, of intensities that are cut off at ``level``.
 
     The intensity of n uncorrelated patterns has a gamma distribution of shape n = 1 / contrast^2. In Laguerre

@@ -1,8 +1,8 @@
 """A verdict on photographs of a bench that nobody described: what they hold, and whether phase retrieval will work.
 
 Everything is read off the frames: grain and camera noise from their frequencies
-(:mod:`~specklegen.models.recoverability.band`), contrast, the object's extent from where the autocorrelation falls to
-its own noise (Bartlett, *J. R. Stat. Soc. Suppl.* 8, 27 (1946)), saturation and bits from the counts, vibration from
+(:mod:`~specklegen.models.recoverability.band`), contrast, the object's extent from the autocorrelation
+and its own noise (:mod:`~specklegen.models.recoverability.extent`), saturation and bits from the counts, vibration from
 frames. The probability is that of :mod:`~specklegen.models.recoverability.verdict`, of the residual of the measured
 power under the lags that the object needs. Two of its numbers, complexity and bright area, belong to an image that is
 not there yet: their part is foretold from the contrast and from how much of the band the light fills, and its scatter
@@ -22,6 +22,7 @@ import numpy as np
 import torch
 from scipy.fft import next_fast_len
 from scipy.ndimage import convolve
+from scipy.optimize import root_scalar
 from scipy.stats import gamma
 
 from specklegen.core.arguments import instance
@@ -31,8 +32,9 @@ from specklegen.core.shielded import shielded
 from specklegen.instrument.camera import Camera
 from specklegen.measured.files import Source
 from specklegen.measured.measurement import Measurement, read_measurement
-from specklegen.models.recoverability.autocorrelation_error import REACH
+from specklegen.models.recoverability.autocorrelation_error import REACH, saturated
 from specklegen.models.recoverability.band import Band, fit_band, transfer
+from specklegen.models.recoverability.extent import find_extent
 from specklegen.models.recoverability.speckle_test import smoothed_moments
 from specklegen.models.recoverability.verdict import COEFFICIENTS, Reason, share
 from specklegen.models.retrieval.autocorrelation import taper
@@ -54,8 +56,6 @@ _ALONE = 6.0  # standard deviations of the background, from which on neighbourin
 _REFUSED = 20.0  # sum of squares of the evidence against speckle
 LEAST = 32  # pixels along each side
 _BLOCKS = 4  # along each side
-_AT_LEAST = 2.0  # grains across an object of one bright grain, and in proportion to the root of their number
-_SURE = 3.5  # standard deviations by which a ring of lags is above those far off
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -234,7 +234,9 @@ def judge_photograph(
     noise = band.noise if pairs is None else pairs
     variance = max(float(frames.var((1, 2)).mean()) - noise, 0.0)
     lags = _lags(frames, noise)
-    extent, peak, error, beside = _extent(lags, variance, band, frames)
+    found = find_extent(lags, frames, variance)
+    grain = float(np.sqrt(band.grain[0] * band.grain[1]))
+    extent, far = found.whole / grain, _far(lags, band, frames)
     evidence = _evidence(frames, band, noise, variance, seen.saturated)
     photons = None
     if camera is not None:
@@ -242,11 +244,12 @@ def judge_photograph(
         photons = float((seen.light.mean() - offset) * camera.gain)
     pixels = float(np.prod(seen.images.shape[1:]))  # all of the camera, be it larger than what was looked at
     grains = float(np.sqrt(pixels / (band.grain[0] * band.grain[1])))
-    value, needed, reasons = _foretold(frames, band, noise, variance, extent, grains, seen)
+    bent = _bent(lags, variance, found.whole, seen.saturated)
+    value, needed, reasons = _foretold(frames, band, noise, variance, extent, grains, bent, seen)
     scatter = float(np.hypot(COEFFICIENTS["scatter"], _OBJECT_SCATTER))
     low, high = (float(1 / (1 + np.exp(-value - side * _NINETIETH * scatter))) for side in (-1, 1))
     probability = float(share(np.array(value), scatter))
-    against = _against(evidence, variance, beside)
+    against = _against(evidence, variance, float(lags[0, 1] + lags[1, 0]) / 2 / far)
     answer: Answer = "works" if value >= 0 else "needs frames" if needed is not None else "cannot"
     if against:
         answer, probability, (low, high), needed, reasons = "no speckle", 0.0, (0.0, 0.0), None, against
@@ -261,8 +264,8 @@ def judge_photograph(
     return PhotographVerdict(
         answer, probability, (low, high), needed, band.grain,
         float(np.hypot(band.error, _BIAS)) if band.edge >= _EDGE else float("inf"), float(np.sqrt(variance)),
-        float(error / (2 * max(np.sqrt(variance), 1e-9))), 1 / noise if noise > 1e-9 else float("inf"), photons, extent,
-        grains, peak, envelope, vibration, evidence, reasons, tuple(assumed), seen,
+        _contrast_error(lags, frames, variance, found.seen + grain), 1 / noise if noise > 1e-9 else float("inf"),
+        photons, extent, grains, variance / far, envelope, vibration, evidence, reasons, tuple(assumed), seen,
     )  # fmt: skip
 
 
@@ -337,31 +340,33 @@ def _lags(frames: np.ndarray, noise: float) -> np.ndarray:
     return found
 
 
-def _extent(lags: np.ndarray, variance: float, band: Band, frames: np.ndarray) -> tuple[float, float, float, float]:
-    """Extent of the object in grains; peak of the autocorrelation over the background's standard deviation; error of
-    the variance; and the autocorrelation one pixel off, over the same.
-    """
-    count, rows, columns = frames.shape
-    reach = min(rows, columns) // 2
-    fy, fx = (np.rint(np.fft.fftfreq(n) * n) for n in lags.shape)
-    radius = np.hypot(fy[:, None] / band.grain[0], fx / band.grain[1])
-    inside = (np.abs(fy)[:, None] < reach) & (np.abs(fx) < reach)
-    ring = np.where(inside, np.minimum(radius.astype(int), reach), reach + 1)
-    number = np.bincount(ring.ravel(), minlength=reach + 2)
-    square = np.bincount(ring.ravel(), np.square(lags).ravel(), minlength=reach + 2) / np.maximum(number, 1)
-    far = max(2, int(reach / max(band.grain)))
-    cells = np.maximum(number / (2 * band.grain[0] * band.grain[1]), 1.0)[:far]  # lags come in pairs
-    level = float(np.median(square[far // 2 : far]))
-    above = np.flatnonzero(square[:far] > level * (1 + _SURE * np.sqrt(2 / cells)))
-    last = int(above[-1]) if len(above) else 0
-    background = float(np.sqrt(max(level, 1e-30)))
-    total = np.square(lags[inside & (radius < last + 2)]).sum()  # Bartlett: of speckle and its noise
-    error = float(np.sqrt(2 * total / (count * rows * columns)))
-    return float(last + 1), float(variance / background), error, float((lags[0, 1] + lags[1, 0]) / 2 / background)
+def _far(lags: np.ndarray, band: Band, frames: np.ndarray) -> float:
+    """Standard deviation of far lags: of a picture, whose parts differ, larger than the scatter of speckle alone."""
+    reach = min(frames.shape[1:]) // 2
+    down, across = (np.abs(np.rint(np.fft.fftfreq(side) * side)) for side in lags.shape)
+    inside = (down[:, None] < reach) & (across < reach)
+    ring = np.hypot(down[:, None] / band.grain[0], across / band.grain[1]).astype(int)[inside]
+    square = np.bincount(ring, np.square(lags)[inside]) / np.maximum(np.bincount(ring), 1)
+    last = max(2, int(reach / max(band.grain)))
+    return float(np.sqrt(max(np.median(square[last // 2 : last]), 1e-30)))
+
+
+def _contrast_error(lags: np.ndarray, frames: np.ndarray, variance: float, reach: float) -> float:
+    """Standard error of the contrast, of the lags within so many pixels: Bartlett, of speckle and its noise."""
+    down, across = (np.fft.fftfreq(side) * side for side in lags.shape)
+    total = float(np.square(lags[np.hypot(down[:, None], across) < reach]).sum())
+    return float(np.sqrt(2 * total / frames.size) / (2 * max(np.sqrt(variance), 1e-9)))
 
 
 def _foretold(
-    frames: np.ndarray, band: Band, noise: float, variance: float, extent: float, grains: float, seen: Measurement
+    frames: np.ndarray,
+    band: Band,
+    noise: float,
+    variance: float,
+    extent: float,
+    grains: float,
+    bent: float,
+    seen: Measurement,
 ) -> tuple[float, int | None, tuple[Reason, ...]]:
     """Logarithm of the odds; frames that would do, None where none would; what stands in the way."""
     fy, fx = band.frequencies
@@ -370,8 +375,7 @@ def _foretold(
     weight = np.where((fx == 0) | (fx == 0.5), 1.0, 2.0) * np.ones_like(v)
     weight = np.where(np.hypot(fy[:, None] * frames.shape[1], fx * frames.shape[2]) < 2, 0.0, weight)
     light = band.light
-    # What is hidden in noise is no smaller than its bright grains allow.
-    share_kept = _kept(max(extent, _AT_LEAST / max(np.sqrt(variance), 1e-3)))
+    share_kept = _kept(extent)
     power = np.square(light * passed) * weight
     rough = np.sqrt((np.square((light + noise) * passed) * weight).sum() / max(power.sum(), 1e-300))
     error = rough * share_kept / grains / 2
@@ -385,8 +389,7 @@ def _foretold(
     filled /= float(max((weight * passed).sum() ** 2 / max((weight * np.square(passed)).sum(), 1e-300), 1e-300))
     k0, k1, k2 = _OBJECT
     about = k0 + k1 * np.log(1 / min(contrast2, 1.0)) + k2 * np.log(float(np.clip(filled, 1e-3, 1.0)))
-    lost = _clipped(variance, seen.saturated)
-    bent = COEFFICIENTS["distortion_weight"] * lost
+    bent = COEFFICIENTS["distortion_weight"] * bent
     constant, slope = COEFFICIENTS["constant"] + about, COEFFICIENTS["residual"]
     per_frame = error / np.sqrt(len(frames))
     value = float(constant + slope * np.log(np.hypot(per_frame, bent)))
@@ -421,16 +424,33 @@ def _kept(extent: float) -> float:
     return float(np.sqrt(np.square(kept).sum())) / fine
 
 
-def _clipped(variance: float, saturated: float) -> float:
-    """Distortion of the modulus where a share of the pixels is full: gamma numbers of that contrast, cut off."""
-    if saturated <= 1e-5:
+def _bent(lags: np.ndarray, variance: float, extent: float, full: float) -> float:
+    """Sine of the angle between modulus with and without a share of full pixels, of an object of so many pixels."""
+    if full <= 1e-5:
         return 0.0
-    shape = 1 / max(variance, 1e-4)
-    x = gamma(shape, scale=1 / shape).ppf((np.arange(1000) + 0.5) / 1000)
-    cut = np.minimum(x, np.quantile(x, 1 - min(saturated, 0.999)))
-    if cut.std() < 1e-12:
-        return 1.0
-    return float(np.sqrt(max(0.0, 1 - np.corrcoef(x, cut)[0, 1] ** 2)))
+    window = min(2 * int(np.ceil(REACH * extent)) + 8, *(side - side % 2 for side in lags.shape))
+    at = np.rint(np.fft.fftfreq(window) * window).astype(int)
+    light = lags[np.ix_(at, at)] / max(variance, 1e-9)
+    light[0, 0] = 1.0
+    below = np.minimum((np.arange(1000) + 0.5) / 1000, 1 - min(full, 0.999))
+
+    def off(log_shape: float) -> float:
+        x = gamma(np.exp(log_shape), scale=np.exp(-log_shape)).ppf(below)
+        return float(np.log(max(x.var(), 1e-30) / x.mean() ** 2 / max(variance, 1e-9)))
+
+    least, most = 0.0, 9.2  # of ln shape, 1 / contrast^2 before the pixels were full
+    log_shape = float(np.clip(-np.log(max(variance, 1e-9)), least, most))
+    if off(least) > 0 > off(most):
+        log_shape = float(root_scalar(off, bracket=(least, most)).root)
+    shape = float(np.exp(log_shape))
+    level = float(gamma(shape, scale=1 / shape).ppf(below[-1]))
+    steps = np.linspace(0, 1, 101)  # correlation of the light, and of what full pixels leave of it
+    left = saturated(np.append(1.0, steps)[None, :, None] / shape, 0.0, level)[0][0, :, 0]
+    whole = np.interp(light, left[1:] / left[0], steps)
+    kept = taper(window, 0.85 * REACH * extent, 1.2 * REACH * extent).numpy()
+    one, other = (np.fft.fft2(each * kept).real.clip(0).ravel()[1:] for each in (whole, light.clip(0)))
+    overlap = np.square(np.sqrt(one * other).sum()) / max(one.sum() * other.sum(), 1e-300)
+    return float(np.sqrt(max(0.0, 1 - overlap)))
 
 
 def _evidence(
