@@ -152,7 +152,8 @@ def test_tilts_as_wide_as_the_half_space_have_a_plan(center):
     lights = sg.CollimatedBeams.tilts([-0.9, 0.0, 0.9], width=2000.0)
     sensor = sg.FarFieldGrid(shape=(8, 8), pitch=1e-4, center=(center, 0.0))
     made = sg.plan(sg.Scene(wavelength=WAVELENGTH, medium=medium, illumination=lights, sensor=sensor))
-    assert made.sampler == "paths"
+    assert made.sampler in ("paths", "stationary")  # by a pilot of few paths so wide of the lobe
+    assert np.isfinite(made.expected_error)
 
 
 def test_path_sums_that_the_planner_must_take_are_doubted_without_advice_to_ask_it():
