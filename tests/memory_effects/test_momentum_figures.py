@@ -58,7 +58,7 @@ def test_the_length_of_paths_is_not_their_momentum_transfer(case):
 
 def test_classes_of_equal_weight_are_as_far_off_as_was_found():
     """Worst error of g1 .0125, .0062, .0044 of 4, 8 and 12 classes of OD 10, isotropic: what no sampler here takes."""
-    bank, layout, weights, _ = collected(10, 0.0, FLUID, 40_000)
+    bank, layout, weights, _ = collected(10, 0.0, FLUID, 160_000)
     turned = momentum_transfer(layout, bank)
     rest, order = weights[turned == 0].sum(), np.argsort(turned)
     order = order[turned[order] > 0]
