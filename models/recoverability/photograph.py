@@ -112,7 +112,7 @@ class PhotographVerdict(Pictured):
     >>> image = np.fft.ifft2(np.fft.fft2(light) * np.fft.fft2(object)).real[:192, :192]
     >>> found = judge_photograph(np.rint(image / image.mean() * 500))
     >>> found.answer, bool(abs(found.grain[0] - 3) < 0.15), bool(abs(found.contrast - 0.5) < 0.06)
-    ('needs frames', True, True)
+    ('works', True, True)
     """
 
     answer: Answer
