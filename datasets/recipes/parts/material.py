@@ -289,7 +289,7 @@ def known(slab: Slab, paths: int, source: KernelSource = "estimate", tolerance: 
         correlation = correlation_for(slab, paths=paths, tolerance=tolerance)
     else:
         correlation = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
-    if not np.square(correlation.weights).any():  # none, or so little that intensities underflow
+    if not correlation.weights.any():
         reject("Material.kernel_paths", "enough for some light to come through the slab", paths,
                f"None does at optical depth {slab.optical_depth:.4g} and albedo {slab.albedo:g}.")  # fmt: skip
     estimator = Estimator.ATLAS if correlation.source == "atlas" else Estimator.PATHS

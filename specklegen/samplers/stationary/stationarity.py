@@ -152,7 +152,8 @@ def pilot_error(
 
     def differences(total: np.ndarray) -> np.ndarray:
         exact, one, two, modelled, reference = total[: 5 * n].reshape(n, 5).T
-        correlation = np.square(np.abs(exact)) / (one.real * two.real) - np.square(np.abs(modelled / reference))
+        intensities = np.sqrt(one.real) * np.sqrt(two.real)  # of light so faint that their product underflows, too
+        correlation = np.square(np.abs(exact) / intensities) - np.square(np.abs(modelled / reference))
         return np.concatenate([gain**2 * correlation, total[5 * n : -1].real / (total[-1].real * carried) - 1])
 
     value, error = jackknife(table, differences)

@@ -162,10 +162,19 @@ def test_whatever_is_not_refused_can_be_drawn_and_is_a_beam(tilts):
         np.testing.assert_allclose(steps, abs(tilts["step"]), rtol=1e-12)
 
 
+@pytest.mark.parametrize("albedo", [1e-300, 1e-160])
+def test_light_too_faint_for_images_is_refused_by_its_own_rule(albedo):
+    """The planner's pilot compares correlations of light whose squares underflow."""
+    faint = {"scatterer": {"type": "VonMisesFisher", "concentration": 5.0}, "albedo": albedo, "kernel": "estimate"}
+    recipe = load_recipe("characters-of-new-fonts", SMALL | {"material": {"kernel_paths": 1000, **faint}})
+    with pytest.raises(RuleError, match="Scene intensity must be between"):
+        recipe.sample(0, "train", 0)
+
+
 @pytest.mark.parametrize("kernel", ["atlas", "estimate"])
 def test_a_material_that_lets_no_light_through_is_refused(kernel):
-    """Weights of 1e-300 to the power of the collisions are 0; of particles that no atlas has, the atlas asks paths."""
-    dark = {"scatterer": {"type": "VonMisesFisher", "concentration": 5.0}, "albedo": 1e-300, "kernel": kernel}
+    """Of the smallest albedo there is nothing is left; of particles that no atlas has, the atlas asks paths."""
+    dark = {"scatterer": {"type": "VonMisesFisher", "concentration": 5.0}, "albedo": 5e-324, "kernel": kernel}
     recipe = load_recipe("characters-of-new-fonts", SMALL | {"material": {"kernel_paths": 1000, **dark}})
-    with pytest.raises(RuleError, match=r"Material\.kernel_paths must be enough for some light .* albedo 1e-300"):
+    with pytest.raises(RuleError, match=r"Material\.kernel_paths must be enough for some light .* albedo 4.94066e-324"):
         recipe.sample(0, "train", 0)
