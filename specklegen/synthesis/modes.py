@@ -38,6 +38,7 @@ POLYNOMIAL_SHARE = 0.5
 """Share of the tolerance that the polynomials may leave out."""
 _TOGETHER = 0.999  # ratio of the powers of two columns that are kept together
 _SAME_GAP = 1e-12  # of the largest gap: rounding is less
+_AT_ONCE = 2**14  # distances at which K is asked together
 _JITTER = 1e-11  # on the diagonal, over the number of beams: far above rounding, far below any tolerance
 
 
@@ -258,8 +259,11 @@ def _between_tilts(correlations: Correlations, lattice: Lattice) -> torch.Tensor
     which = torch.from_numpy(which.reshape(-1))
     dx, dy = _apart(lattice, gap[torch.from_numpy(kinds)][None])
     distance = torch.hypot(dy[0, :, :, None], dx[0, :, None, :])
-    unique, same = torch.unique(distance, return_inverse=True)  # of many pairs of pixels it is the same again
-    correlation = correlations(unique[None])[0][same]
+    correlation = torch.empty_like(distance)
+    at_once = max(1, _AT_ONCE // distance[0].numel())  # few calls of small gaps; sorting many takes longer than K
+    for some, own in zip(correlation.split(at_once), distance.split(at_once), strict=True):
+        unique, same = torch.unique(own, return_inverse=True)  # of many pairs of pixels it is the same again
+        some.copy_(correlations(unique[None])[0][same])
     whole = correlation.new_empty((tilts, tilts, *correlation.shape[1:]))
     whole[first, second] = correlation[which]
     whole[second, first] = correlation[which].flip(1, 2)
