@@ -4,8 +4,8 @@
 
 In a process of its own, without a browser and a server; kernels are compiled before, by another process. "First
 picture": imports included, until the camera's image stands; "whole page": until all panels do. A row a slider: the mean
-of a step up and a step down, all panels of the first view that has it, and the slowest of them. Sliders of other media
-and setups are left out.
+of a step up and a step down, all panels of its view, and the slowest of them. Sliders of other media and setups
+are left out.
 """
 
 import argparse
@@ -25,18 +25,16 @@ def once() -> None:
     page.panels(State())
     print(f"whole page    {time.process_time() - begun:.2f} s", flush=True)
     print("| view | slider | s | slowest panel | s |\n|---|---|---|---|---|")
-    seen: set[str] = set()
     for view in CONTROLS["view"].steps:
         state = State(view=view)
         took(state)
         for name in shown(state):
-            if name == "view" or name in seen:
+            if name == "view":
                 continue
-            seen.add(name)
             steps = CONTROLS[name].steps
             at = steps.index(getattr(state, name))
-            found = [took(state._replace(**{name: steps[n]})) for n in (at + 1, at - 1) if 0 <= n < len(steps)]
-            mean = {title: sum(each[title] for each in found) / len(found) for title in found[0]}
+            taken = [took(state._replace(**{name: steps[n]})) for n in (at + 1, at - 1) if 0 <= n < len(steps)]
+            mean = {title: sum(each[title] for each in taken) / len(taken) for title in taken[0]}
             slowest = max(mean, key=lambda title: mean[title])
             print(f"| {view} | {name} | {sum(mean.values()):.2f} | {slowest} | {mean[slowest]:.2f} |", flush=True)
 
@@ -45,13 +43,13 @@ def took(state) -> dict[str, float]:
     """Processor seconds of each panel of a state's view."""
     from specklegen.explorer import page
 
-    found = {}
+    seconds = {}
     for title, _, body, views in page._PANELS:
         if state.view in views:
             begin = time.process_time()
             page._said(body, state)
-            found[title] = time.process_time() - begin
-    return found
+            seconds[title] = time.process_time() - begin
+    return seconds
 
 
 def main() -> None:

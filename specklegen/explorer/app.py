@@ -49,7 +49,7 @@ def _(begun, controls, draw_sixteen, mo, page, said, shown, state):
         + page.sliders(controls.elements[name].text for name in shown(state))
         + page.buttons(
             *(mo.download(held, filename=name, label=label).text for label, name, held in page.files(state)),
-            *([draw_sixteen.text] if page.of_objects(state) else []),
+            *([draw_sixteen.text] if page.has_sixteen(state) else []),
         )
     )
     return
@@ -66,7 +66,7 @@ def _(drawn, mo, page, state):
 
 @app.cell
 def _(draw_sixteen, mo, page, state):
-    mo.stop(not (draw_sixteen.value and page.of_objects(state)))
+    mo.stop(not (draw_sixteen.value and page.has_sixteen(state)))
     sheet, archive = page.sixteen(state)
     mo.vstack([mo.Html(sheet), mo.download(archive, filename="sixteen.npz", label="Arrays (NPZ)")])
     return

@@ -66,8 +66,8 @@ def coming(state: State, before: dict[str, str]) -> Iterator[str]:
         yield f'<div class="sg-panels">{markup}</div>'
 
 
-def of_objects(state: State) -> bool:
-    """Whether the view is of hidden objects and their images, of which there are sixteen."""
+def has_sixteen(state: State) -> bool:
+    """Whether the view is of single images, of which sixteen can be drawn."""
     return state.view == CONTROLS["view"].steps[0]
 
 
