@@ -29,7 +29,8 @@ def _generators():
 @functools.lru_cache(1)
 def _memos(_modules):
     """Memos of as many modules as are loaded: to look through all objects takes half a second."""
-    found = [each for each in gc.get_objects() if isinstance(each, functools._lru_cache_wrapper) and _own(each)]
+    # The type itself: isinstance() asks a weak reference's proxy for the class of an object that may be gone.
+    found = [each for each in gc.get_objects() if type(each) is functools._lru_cache_wrapper and _own(each)]
     return sorted(found, key=lambda each: (each.__module__, each.__qualname__))
 
 
