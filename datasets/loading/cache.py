@@ -14,6 +14,7 @@ from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.datasets.loading.epochs import EpochBatches
+from specklegen.datasets.loading.shard_order import ORDER, ShardOrder
 from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.sample_schema import Renderable, named_file, require_finite
 from specklegen.datasets.store.creation import require_same
@@ -261,20 +262,11 @@ class ShuffledCache(EpochBatches):
 
     def order(self, epoch: int) -> np.ndarray:
         """Return the samples of an epoch in their order: int64[length]."""
-        random = np.random.default_rng(np.random.SeedSequence([self.seed, epoch]))
-        size = self.cache.shard_samples
-        shards = random.permutation(-(-self.length // size))
-        groups = [
-            random.permutation(
-                np.concatenate([np.arange(s * size, min((s + 1) * size, self.length)) for s in group])
-            )
-            for group in np.array_split(shards, range(self.buffer_shards, len(shards), self.buffer_shards))
-        ]
-        return np.concatenate(groups)
+        return ShardOrder(self.length, self.cache.shard_samples, self.buffer_shards, self.seed, epoch)[0 : self.length]
 
     def make(self, epoch: int, numbers: Iterable[int]) -> Iterator[dict[str, Any]]:
         """Read batches."""
-        order = self.order(epoch)
+        order = ShardOrder(self.length, self.cache.shard_samples, self.buffer_shards, self.seed, epoch)
         for number in numbers:
             places = self.places(number)
             yield self.cache.batch(order[places.start : places.stop].tolist())
@@ -288,4 +280,5 @@ class ShuffledCache(EpochBatches):
             "fingerprint": self.cache.fingerprint,
             "buffer_shards": self.buffer_shards,
             "shard_samples": self.cache.shard_samples,
+            "order": ORDER,
         }

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from specklegen.core.display.escape import cell, markdown, markdown_code
-from specklegen.core.whole_files import write_whole
+from specklegen.datasets.store.places import put
 from specklegen.datasets.store.store import Store
 
 _PAGE = """# {title}: {split} split
@@ -83,5 +83,5 @@ def card_file(folder: Path) -> Path:
 def write_card(store: Store) -> Path:
     """Write the card beside the store."""
     file = card_file(store.folder)
-    write_whole(file, card(store).encode())
+    put(file, card(store).encode())
     return file

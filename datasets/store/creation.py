@@ -1,10 +1,17 @@
 """How a store comes to be: made empty and whole under a temporary name, then renamed; grown; told apart.
 
 The metadata is written here once, by the process that starts the work; those that fill the store open it.
+
+At an address nothing is renamed. There the first to put the group's ``zarr.json``, which holds the whole identity, has
+begun the store; the record comes last, and others wait for it, or put all of it where whoever began was killed.
 """
 
+import json
 import tempfile
+import time
 from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +22,29 @@ from specklegen.datasets.sample_schema import Renderable
 from specklegen.datasets.store import file_names, metadata
 from specklegen.datasets.store.files import writing
 from specklegen.datasets.store.identity import differences, fingerprint, identity
-from specklegen.datasets.store.layout import layout_of, rendering_note, write_empty
-from specklegen.datasets.store.locks import claim
+from specklegen.datasets.store.layout import Layout, layout_of, rendering_note, write_empty
+from specklegen.datasets.store.locks import LOOK, OLD, claim
+from specklegen.datasets.store.places import is_remote, put_new
 from specklegen.datasets.store.store import METADATA, Store
+
+
+@dataclass(frozen=True)
+class Share:
+    """What a call has to do in a store.
+
+    Attributes
+    ----------
+    store : Store
+        Open for writing.
+    shards : range
+        Those of its part.
+    missing : list of int
+        Those among them that are not there.
+    """
+
+    store: Store
+    shards: range
+    missing: list[int]
 
 
 def open_for(
@@ -29,26 +56,45 @@ def open_for(
     samples: int,
     shard_samples: int | None,
     notes: str = "",
-) -> Store:
-    """Open the store of this recipe at ``folder``, made or grown as needed.
+    part: tuple[int, int] = (0, 1),
+) -> Share:
+    """Open the store of this recipe at ``folder``, made or grown as needed, for part i of n of its shards.
+
+    Of the ledger the lines of the part alone are read.
 
     Raises
     ------
     RuleError
         If the folder holds something else, or another data set: the fields that differ are named.
     """
-    sweep(unfinished(folder))
-    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
-        _create(recipe, identity(recipe, seed, split, dtype), folder, samples, shard_samples, notes)
+    wanted = identity(recipe, seed, split, dtype)
+    if is_remote(folder):
+        if metadata.recorded(folder) is None:
+            _begin(recipe, wanted, folder, samples, shard_samples, notes)
+    else:
+        sweep(unfinished(folder))
+        if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+            _create(recipe, wanted, folder, samples, shard_samples, notes)
     store = Store(folder, writable=True)
-    require_same(store, identity(recipe, seed, split, dtype))
-    if samples > store.samples or not store.valid().all():
-        _require_same_rendering(store, recipe)  # a plan takes seconds, and a full store asks for none
+    require_same(store, wanted)
     metadata.require_bounded("generate.samples", max(samples, store.samples), store.shard_samples)
-    if samples > store.samples:
+    grows = samples > store.samples
+    if grows:
+        _require_same_rendering(store, recipe)
         store = grown(store, samples)
-    _tell_of_other_libraries(store)
-    return store
+    shards = shards_of(samples, store.shard_samples, part)
+    missing = [shard for shard in shards if not store.is_complete(shard)]
+    if missing:
+        if not grows:
+            _require_same_rendering(store, recipe)  # a plan takes seconds, and a full store asks for none
+        _tell_of_other_libraries(store)
+    return Share(store, shards, missing)
+
+
+def shards_of(samples: int, shard_samples: int, part: tuple[int, int]) -> range:
+    """Shards of part i of n equal parts of so many samples."""
+    count = -(-samples // shard_samples)
+    return range(part[0] * count // part[1], (part[0] + 1) * count // part[1])
 
 
 def _tell_of_other_libraries(store: Store) -> None:
@@ -58,7 +104,7 @@ def _tell_of_other_libraries(store: Store) -> None:
         f"{name} {then.get(name, 'none')} is now {now.get(name, 'none')}"
         for name in sorted(then.keys() | now.keys()) if then.get(name) != now.get(name)
     ]  # fmt: skip
-    if then and changed and not store.valid().all():
+    if then and changed:
         warn_user(
             f"{store.folder} was begun with other libraries: {', '.join(changed)}. New samples may differ from what "
             "those would have given in their last bits, no more: pixels agree to about 1e-6 of an image's mean. For "
@@ -98,7 +144,7 @@ def grown(store: Store, samples: int) -> Store:
 
     Where locks exclude nobody, others may do so at the same time, to other lengths: the longest is agreed on.
     """
-    with writing(store.folder), claim(store.locks, METADATA, wait=True):
+    with writing(store.folder), store.claimed_metadata():
         now = metadata.read(store.folder)
         wanted = max(samples, now.room) if max(samples, now.room) > now.samples else None
         while wanted is not None:
@@ -120,7 +166,8 @@ def mend_metadata(folder: Path, recipe: Renderable) -> str:
         If the folder is not a store of this version, or of another recipe; or nothing tells its seed any more.
     """
     metadata.reject_strangers(folder)
-    with writing(folder), claim(_with_parent(folder / "valid" / "locks"), METADATA, wait=True):
+    alone = nullcontext() if is_remote(folder) else claim(_with_parent(folder / "valid" / "locks"), METADATA, wait=True)
+    with writing(folder), alone:
         try:
             metadata.read(folder)
             return ""
@@ -130,13 +177,17 @@ def mend_metadata(folder: Path, recipe: Renderable) -> str:
         there = attributes["identity"]
         wanted = identity(recipe, there["seed"], there["split"], there["dtype"])
         _require_same(folder, attributes, wanted)
-        layout = layout_of(recipe, wanted, samples, attributes["shard_samples"], attributes["notes"])
-        with tempfile.TemporaryDirectory() as temporary:
-            record = write_empty(Path(temporary), layout)
-        record.write_arrays(folder, samples)
-        record.write(folder)
-        file_names.write(folder, layout.file_names)
+        _write_all(folder, layout_of(recipe, wanted, samples, attributes["shard_samples"], attributes["notes"]))
         return damage
+
+
+def _write_all(folder: Path, layout: Layout) -> None:
+    """Write all metadata of a store into its place, the record last."""
+    with tempfile.TemporaryDirectory() as temporary:
+        record = write_empty(Path(temporary), layout)
+    record.write_arrays(folder, layout.samples)
+    file_names.write(folder, layout.file_names)
+    record.write(folder)
 
 
 def _with_parent(file: Path) -> Path:
@@ -161,3 +212,29 @@ def _create(
         except FileExistsError:
             if not metadata.is_store(folder):
                 raise
+
+
+def _begin(
+    recipe: Renderable, wanted: dict[str, Any], folder: Any, samples: int, shard_samples: int | None, notes: str
+) -> None:
+    """Make an empty store at an address; of several at once, one begins it, and all agree on what that one says."""
+    layout = layout_of(recipe, wanted, samples, shard_samples, notes)
+    group = folder / "zarr.json"
+    with writing(folder):
+        if not group.exists() and any(True for _ in folder.fs.find(folder.path, maxdepth=2)):
+            return  # of somebody else: refused by whoever opens it
+        with tempfile.TemporaryDirectory() as temporary:
+            write_empty(Path(temporary), layout)
+            first = put_new(group, (Path(temporary) / "zarr.json").read_bytes())
+        end = time.time() + (0 if first else OLD)
+        while time.time() < end and metadata.recorded(folder) is None:
+            time.sleep(LOOK)
+        if metadata.recorded(folder) is not None:
+            return
+        if not first:  # it was killed meanwhile
+            attributes = json.loads(group.read_bytes()).get("attributes", {})
+            if attributes.get("format") != metadata.FORMAT:
+                return
+            _require_same(folder, attributes, wanted)
+            layout = layout_of(recipe, wanted, samples, attributes["shard_samples"], attributes["notes"])
+        _write_all(folder, layout)

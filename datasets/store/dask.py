@@ -1,7 +1,7 @@
 """Filling a store on a Dask cluster (extra ``dask``): the same shards as anywhere else, mapped over its workers.
 
 Shard numbers go out and an outcome of a few hundred bytes comes back; arrays go from the worker that
-rendered them straight into the store, whose folder every worker must see. The shard of a worker that is lost
+rendered them straight into the store, whose folder or address every worker must see. The shard of a worker that is lost
 is given to another one, and a shard that met an OSError is tried again, as network folders have their
 moments. Any other failure would come back the same, and is reported.
 """
@@ -63,7 +63,7 @@ def run(
         futures = client.map(
             fill,
             shards,
-            folder=str(store.folder),
+            folder=store.folder,
             fingerprint=store.fingerprint,
             recipe=cloudpickle.dumps(recipe),  # as bytes, since reading a recipe loads Numba
             wait=wait,
@@ -107,7 +107,9 @@ def _client(cluster: "str | Client | Cluster") -> Iterator["Client"]:
         yield client
 
 
-def fill(shard: int, folder: str, fingerprint: str, recipe: bytes, wait: bool, caller: int) -> "Outcome":
+def fill(
+    shard: int, folder: "str | os.PathLike", fingerprint: str, recipe: bytes, wait: bool, caller: int
+) -> "Outcome":
     """Render and write one shard; what a worker runs.
 
     Raises

@@ -1,5 +1,7 @@
 """What generating a data set will cost, from a few samples rendered and stored now."""
 
+import math
+import os
 import shutil
 import tempfile
 from pathlib import Path
@@ -14,6 +16,7 @@ from specklegen.datasets.sample_schema import Renderable, stored_arrays
 from specklegen.datasets.store.creation import open_for
 from specklegen.datasets.store.generate import GenerationError, fill_shard
 from specklegen.datasets.store.layout import default_shard_samples, stored_type
+from specklegen.datasets.store.places import is_remote, place_of
 from specklegen.datasets.store.timing import sample_seconds
 
 _PROBE = 32
@@ -57,7 +60,7 @@ def estimate(
     media, fresh, again = sample_seconds(recipe, seed, split, samples)
     probe = max(1, min(_PROBE, samples, int(_SECONDS / max(fresh, 1e-6))))
     with tempfile.TemporaryDirectory() as folder:
-        store = open_for(recipe, seed, split, dtype, Path(folder) / "probe.zarr", 2 * probe, probe)
+        store = open_for(recipe, seed, split, dtype, Path(folder) / "probe.zarr", 2 * probe, probe).store
         for shard in (0, 1):  # the first pays for imports and compilation
             outcome = fill_shard(store, recipe, shard)
             if outcome.state == "failed":
@@ -80,7 +83,7 @@ def estimate(
 def foreseen(
     recipe: Renderable,
     samples: int,
-    folder: Path,
+    folder: str | os.PathLike,
     seed: int = 0,
     split: str = "train",
     *,
@@ -96,7 +99,7 @@ def foreseen(
     """
     specs = stored_arrays(recipe).values()
     raw = samples * sum(int(np.prod(spec.shape)) * stored_type(spec, "uint16").itemsize for spec in specs)
-    free = shutil.disk_usage(next(place for place in (folder, *folder.absolute().parents) if place.is_dir())).free
+    free = _free(place_of(folder))
     media, fresh, again = sample_seconds(recipe, seed, split, samples)
     least = ((samples - media) * again + media * fresh) / thread_count(processes)
     if raw < min(_LITTLE, free) and least < TOLD_SECONDS:
@@ -114,6 +117,13 @@ def foreseen(
         f"{counted(samples, 'sample')} to render: about {_in_words(cost['seconds'])} on "
         f"{counted(cost['processes'], 'core')}, {cost['bytes'] / 2**30:.2g} GiB"
     )
+
+
+def _free(folder: Path) -> float:
+    """Bytes that the disk of a folder has left; of an address nobody knows."""
+    if is_remote(folder):
+        return math.inf
+    return shutil.disk_usage(next(place for place in (folder, *folder.parents) if place.is_dir())).free
 
 
 def _in_words(seconds: float) -> str:

@@ -8,16 +8,17 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from specklegen.core.whole_files import patiently, write_whole
+from specklegen.core.whole_files import patiently
 from specklegen.datasets.store.files import json_bytes
 from specklegen.datasets.store.identity import fingerprint
+from specklegen.datasets.store.places import put
 
 
 def write(folder: Path, names: Sequence[str]) -> None:
     """Write them, where there are any."""
     if names:
         content = {"names": list(names)}
-        write_whole(_file(folder), json_bytes({"sha256": fingerprint(content), "content": content}))
+        put(_file(folder), json_bytes({"sha256": fingerprint(content), "content": content}))
 
 
 def read(folder: Path) -> tuple[str, ...]:

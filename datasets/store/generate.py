@@ -14,6 +14,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -28,6 +29,7 @@ from specklegen.datasets.store.card import write_card
 from specklegen.datasets.store.creation import grown, open_for
 from specklegen.datasets.store.files import no_room, writing
 from specklegen.datasets.store.info import info
+from specklegen.datasets.store.places import is_remote, place_of
 from specklegen.datasets.store.reading import SampleReader
 from specklegen.datasets.store.shards import DamagedShard, ForeignShard, MissingSample
 from specklegen.datasets.store.store import Store
@@ -89,7 +91,8 @@ def generate(
     samples : int
         Number of samples; more than the store holds makes it grow.
     folder : path
-        The folder of the store, by custom ending in ``.zarr``.
+        The folder of the store, by custom ending in ``.zarr``; or an address that fsspec knows, such as
+        ``s3://bucket/a.zarr`` (extra ``remote``), a ``UPath`` where it needs options.
     dtype : {"uint16", "float32"}
         How counts are stored; without loss either way. Other arrays keep the type of the layout.
     shard_samples : int, optional
@@ -100,7 +103,8 @@ def generate(
         Worker processes; by default the cores that this process may use, or none where what is missing takes less time
         than they save, by a few samples rendered now. 1 renders in this process.
     shard_range : (i, n)
-        Do part i of n equal parts, 0 <= i < n: for n machines with a shared folder.
+        Do part i of n equal parts, 0 <= i < n: for n machines with a shared folder. Of the store such a call reads
+        and reports its own shards alone.
     cluster : str, Client or Cluster, optional
         Render on a Dask cluster: :mod:`specklegen.datasets.store.dask`.
     notes : str
@@ -109,8 +113,8 @@ def generate(
     Returns
     -------
     dict
-        What :func:`specklegen.datasets.store.info.info` says of the store, and rendered: samples that this very call
-        rendered, not those that another one did beside it.
+        What :func:`specklegen.datasets.store.info.info` says of the store, or of its own shards where it does a part,
+        and rendered: samples that this very call rendered, not those that another one did beside it.
 
     Raises
     ------
@@ -132,15 +136,18 @@ def generate(
     part, parts = _part(shard_range)
     if cluster is not None and processes is not None:
         reject("generate.processes", "left out with a cluster, which has its own", processes)
-    there = file_path("generate.folder", folder).resolve()  # links are followed once: they may be moved while this runs
-    store = open_for(recipe, seed, split, dtype, there, samples, shard_samples, notes)
-    sweep(store.temporaries())
+    if not is_remote(folder):
+        file_path("generate.folder", folder)
+    there = place_of(folder)
+    if not is_remote(there):
+        there = there.resolve()  # links are followed once: they may be moved while this runs
+    share = open_for(recipe, seed, split, dtype, there, samples, shard_samples, notes, (part, parts))
+    store, shards, missing = share.store, share.shards, share.missing
+    if parts == 1:  # which looks through all of the store
+        sweep(store.temporaries())
     with writing(store.folder):
         write_card(store)
-    count = -(-samples // store.shard_samples)
-    shards = range(part * count // parts, (part + 1) * count // parts)
     total = sum(len(store.span(shard)) for shard in shards)
-    missing = [shard for shard in shards if not store.is_complete(shard)]
     require_own(store, [shard for shard in shards if shard not in set(missing)])
     done = total - sum(len(store.span(shard)) for shard in missing)
     report = progress or (lambda done, total: None)
@@ -172,7 +179,7 @@ def generate(
         raise GenerationError(
             f"{len(failures)} of {counted(len(shards), 'shard')} failed; the others are stored.\n{shown}"
         )
-    return info(store.folder) | {"rendered": rendered}
+    return info(store.folder, shards if parts > 1 else None) | {"rendered": rendered}
 
 
 def require_own(store: Store, shards: Sequence[int]) -> None:
@@ -308,7 +315,7 @@ def _run(
 _job: tuple[Store, Renderable, str] | None = None
 
 
-def _start_worker(folder: str, samples: int, fingerprint: str, recipe: bytes) -> None:
+def _start_worker(folder: Path, samples: int, fingerprint: str, recipe: bytes) -> None:
     global _job
     end_with_parent()
     prepare_worker()
@@ -339,7 +346,7 @@ def _pooled(
         min(processes, len(shards)),
         mp_context=worker_context(),
         initializer=_start_worker,
-        initargs=(str(store.folder), store.samples, store.fingerprint, pickle.dumps(recipe)),
+        initargs=(store.folder, store.samples, store.fingerprint, pickle.dumps(recipe)),
     )
     try:
         futures: list[Future[Outcome]] = [pool.submit(_fill_here, shard, wait) for shard in shards]

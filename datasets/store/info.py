@@ -1,16 +1,23 @@
 """What a store says about itself, without its recipe."""
 
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from specklegen.datasets.store.places import length, stored_bytes
 from specklegen.datasets.store.store import Store
 
 
-def info(folder: str | os.PathLike) -> dict[str, Any]:
-    """Describe a store from the store alone.
+def info(folder: str | os.PathLike, shards: range | None = None) -> dict[str, Any]:
+    """Describe a store from the store alone; all of it, or some of its shards without a look at the others.
+
+    Parameters
+    ----------
+    folder
+        The folder of the store, or its address.
+    shards
+        Of which to count samples, shards and bytes; by default of all.
 
     Returns
     -------
@@ -20,34 +27,24 @@ def info(folder: str | os.PathLike) -> dict[str, Any]:
         stored, dims, units, description), recipe.
     """
     store = Store(folder)
-    valid = store.valid()
+    counted = range(store.shard_count) if shards is None else shards
+    there = [store.valid_in(shard) for shard in counted]
     identity = store.attributes["identity"]
     return {
         "title": store.attributes["title"],
         **{key: identity[key] for key in ("split", "seed", "data_version", "device")},
         "fingerprint": store.attributes["fingerprint"],
-        "done": int(np.count_nonzero(valid)),
-        "total": store.samples,
-        "shards_done": sum(
-            bool(valid[s.start : s.stop].all()) for s in map(store.span, range(store.shard_count))
-        ),
-        "shards": store.shard_count,
+        "done": sum(int(np.count_nonzero(valid)) for valid in there),
+        "total": sum(map(len, there)),
+        "shards_done": sum(bool(valid.all()) for valid in there),
+        "shards": len(counted),
         "shard_samples": store.shard_samples,
         "epoch_samples": store.attributes["epoch_samples"],
-        "bytes": stored_bytes(store.folder),
+        "bytes": stored_bytes(store.folder) if shards is None else sum(
+            length(file) for shard in shards for file in store.files(shard)
+        ),
         "parameters": store.parameter_names,
         "arrays": store.describe(),
         "libraries": store.attributes.get("libraries", {}),
         "recipe": store.attributes["recipe"],
     }
-
-
-def stored_bytes(folder: Path) -> int:
-    """Sum the lengths of the files of a store; files that vanish meanwhile count nothing."""
-    total = 0
-    for file in folder.rglob("*"):
-        try:
-            total += file.stat().st_size if file.is_file() else 0
-        except FileNotFoundError:
-            continue
-    return total

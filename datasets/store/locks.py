@@ -1,9 +1,12 @@
-"""Claims: which process works on which shard, as locked bytes of one file.
+"""Claims: which process works on which shard, as locked bytes of one file, or as objects of an object store.
 
 Byte n of the file is locked while piece n is being worked on. The operating system drops the lock with the
 process, however it dies, so that no claim ever goes stale. Claims only save double work and tell orphaned
 temporary files from live ones: correctness rests on whole files that appear by renaming. The file itself
 holds nothing, and is made where it is missing.
+
+An object store has no locks. There a claim is an object of its own, put if there is none, dated anew while the work
+goes on, and deleted at its end. Of whoever was killed it stays, and counts no more once it is old.
 
 On Linux the locks belong to the open file (OFD locks): they exclude processes, on one machine or over NFS with a lock
 service, and threads of one process. Elsewhere they are POSIX record locks, which exclude processes alone: threads there
@@ -13,10 +16,14 @@ must not write one store at a time.
 import os
 import struct
 import sys
+import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
+
+from specklegen.datasets.store.places import delete, put, put_new
 
 try:
     import fcntl
@@ -27,6 +34,15 @@ _OWNED = sys.platform == "linux" and hasattr(fcntl, "F_OFD_SETLK") and sys.maxsi
 """Whether locks that belong to the open file are there, laid out as on 64 bits."""
 
 LockState = Literal["held", "busy", "unlockable"]
+
+BEAT = 30.0
+"""Seconds after which a claim at an address is dated anew."""
+
+OLD = 150.0
+"""Seconds after which one that nobody has dated anew counts no more; by the clocks of those who claim."""
+
+LOOK = 1.0
+"""Seconds between two looks at another's claim."""
 
 
 @contextmanager
@@ -78,3 +94,49 @@ def _lock(descriptor: int, number: int, wait: bool) -> LockState:
     except OSError:
         return "unlockable"
     return "held"
+
+
+@contextmanager
+def claim_object(file: Any, wait: bool = False) -> Iterator[LockState]:
+    """Claim what an object of this name stands for; "busy" if another process has it.
+
+    Whoever waits gets it once the other one is done, or its claim is old. Two may hold one claim where clocks differ by
+    minutes, or where the file system knows no conditional put: both then write the same bytes.
+    """
+    while not put_new(file, _now()):
+        if _is_old(file):
+            delete(file)
+        elif wait:
+            time.sleep(LOOK)
+        else:
+            yield "busy"
+            return
+    ended = threading.Event()
+
+    def beat() -> None:
+        while not ended.wait(BEAT):
+            with suppress(OSError):
+                put(file, _now())
+
+    heart = threading.Thread(target=beat, daemon=True, name=f"heartbeat of {file.name}")
+    heart.start()
+    try:
+        yield "held"
+    finally:
+        ended.set()
+        heart.join()
+        delete(file)
+
+
+def _now() -> bytes:
+    return f"{time.time():.3f}".encode()
+
+
+def _is_old(file: Any) -> bool:
+    """Whether a claim is there and nobody has dated it anew."""
+    try:
+        return float(file.fs.cat_file(file.path)) < time.time() - OLD
+    except FileNotFoundError:
+        return False
+    except ValueError:  # no date: of whoever was killed while it was written, where puts are not whole
+        return True

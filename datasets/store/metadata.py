@@ -17,9 +17,10 @@ from typing import Any, Self
 
 from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
-from specklegen.core.whole_files import WAITS, patiently, write_whole
+from specklegen.core.whole_files import WAITS, patiently
 from specklegen.datasets.store.files import json_bytes
 from specklegen.datasets.store.identity import differences, fingerprint
+from specklegen.datasets.store.places import put
 
 FORMAT = "specklegen store, version 2"
 COLUMNS = ("parameters", "index", "seed", "seal")
@@ -74,9 +75,8 @@ class Metadata:
 
     def write(self, folder: Path) -> None:
         """Write the record."""
-        (folder / "valid").mkdir(exist_ok=True)
         content = {"samples": self.samples, "room": self.room, "files": self.files}
-        write_whole(_record(folder), json_bytes({"sha256": fingerprint(content), "content": content}))
+        put(_record(folder), json_bytes({"sha256": fingerprint(content), "content": content}))
 
     def write_arrays(self, folder: Path, samples: int) -> None:
         """Write every ``zarr.json`` that does not say what it should for so many samples; the ledger's last."""
@@ -86,8 +86,7 @@ class Metadata:
                 content = content | {"shape": [self.rows(Path(name).parent.name, samples), *content["shape"][1:]]}
             file = folder / name
             if not file.is_file() or file.read_bytes() != json_bytes(content):
-                file.parent.mkdir(exist_ok=True)
-                write_whole(file, json_bytes(content))
+                put(file, json_bytes(content))
 
 
 def _record(folder: Path) -> Path:

@@ -1,15 +1,17 @@
 """Where a store lies: in a folder of this machine, or at an address of any file system that fsspec knows.
 
-Stores are written in folders, whose locks share out the work. What is finished may be copied to an object store and
-read there: an address, such as ``s3://bucket/a.zarr`` or ``memory://a.zarr``, is a ``UPath`` of universal-pathlib
-(extra ``remote``), which reads as a Path does.
+An address, such as ``s3://bucket/a.zarr`` or ``memory://a.zarr``, is a ``UPath`` of universal-pathlib (extra
+``remote``), which reads as a Path does. What is written there appears whole, as a put does; in a folder it does by
+renaming. A put that must be the first of its name says whether it was (``If-None-Match`` of HTTP).
 """
 
+import contextlib
 import os
 from pathlib import Path
 from typing import Any, Protocol
 
 from specklegen.core.errors import reject
+from specklegen.core.whole_files import write_whole
 
 
 class File(Protocol):
@@ -52,6 +54,52 @@ def place_of(folder: str | os.PathLike) -> Path:
 def is_remote(folder: Any) -> bool:
     """Whether it is a UPath that is no folder of this machine."""
     return getattr(folder, "protocol", "") not in ("", "file", "local")
+
+
+def put(file: Any, data: bytes) -> None:
+    """Write a file so that it is there whole, as it was before, or not at all; folders are made."""
+    if is_remote(file):
+        file.fs.pipe_file(file.path, data)
+    else:
+        file.parent.mkdir(exist_ok=True)
+        write_whole(file, data)
+
+
+def put_new(file: Any, data: bytes) -> bool:
+    """Write a file at an address, whole, if there is none; whether this call did.
+
+    A file system that knows no such put writes in any case, and says that it did.
+    """
+    try:
+        file.fs.pipe_file(file.path, data, mode="create")
+    except FileExistsError:
+        return False
+    except OSError as error:  # s3fs knows "precondition failed" by its words alone
+        if "precondition" not in str(error).lower():
+            raise
+        return False
+    return True
+
+
+def delete(file: Any) -> None:
+    """Delete a file, if it is there."""
+    with contextlib.suppress(FileNotFoundError):
+        file.unlink()
+
+
+def stored_bytes(folder: Any) -> int:
+    """Sum the lengths of the files under a folder or an address; files that vanish meanwhile count nothing."""
+    if is_remote(folder):
+        return sum(int(file["size"] or 0) for file in folder.fs.find(folder.path, detail=True).values())
+    return sum(map(length, folder.rglob("*")))
+
+
+def length(file: Any) -> int:
+    """Bytes of a file; 0 where there is none."""
+    try:
+        return file.stat().st_size if file.is_file() else 0
+    except FileNotFoundError:
+        return 0
 
 
 def opened(file: Any) -> File:

@@ -10,7 +10,7 @@ from specklegen.datasets.store.shards import ForeignShard, MissingSample
 from specklegen.datasets.store.store import Store
 
 _TABLES = 4096
-"""Shards whose rows of parameters are kept in memory."""
+"""Shards whose lines of the ledger and rows of parameters are kept in memory."""
 
 _REMEDY = "mend the store with verify --repair"
 
@@ -33,7 +33,7 @@ class SampleReader:
 
     def __init__(self, store: Store) -> None:
         self.store = store
-        self._valid = np.zeros(store.samples, bool)
+        self._valid: OrderedDict[int, np.ndarray] = OrderedDict()  # by shard
         self._looked: set[int] = set()
         self._tables: OrderedDict[int, dict[str, np.ndarray]] = OrderedDict()
 
@@ -68,14 +68,16 @@ class SampleReader:
         return Stored(arrays, table["parameters"][row])
 
     def _require_valid(self, index: int, shard: int) -> None:
-        if self._valid[index]:
+        row, known = index - shard * self.store.shard_samples, self._valid.get(shard)
+        if known is not None and known[row]:
             return
         self._forget(shard)
-        span = self.store.span(shard)
         # The first time only: who goes through a store that is not full would wait for every sample.
-        self._valid[span.start : span.stop] = self.store.valid_in(shard, expected=shard not in self._looked)
+        self._valid[shard] = valid = self.store.valid_in(shard, expected=shard not in self._looked)
         self._looked.add(shard)
-        if not self._valid[index]:
+        if len(self._valid) > _TABLES:
+            self._valid.popitem(last=False)
+        if not valid[row]:
             raise MissingSample(
                 f"sample {index} of {self.store.folder} has not been generated yet: run generate again, it goes on"
             )

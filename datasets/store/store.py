@@ -12,11 +12,13 @@
 
 A shard is the unit of work: rendered whole by one process and written whole. Each file appears by renaming,
 so that a reader sees all of it or nothing. Nothing is flushed to the disk (no fsync): after a power cut a
-file may be torn, which its CRC32C and the checksum tell.
+file may be torn, which its CRC32C and the checksum tell. The shards of a store at an address are made in a folder of
+this machine and then put there, file by file, the ledger last; claims are objects under ``valid/claims``.
 """
 
 import contextlib
 import os
+import tempfile
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -26,11 +28,10 @@ import numpy as np
 import zarr
 import zarr.storage
 
-from specklegen.core.errors import reject
 from specklegen.core.whole_files import patiently
 from specklegen.datasets.store import file_names, metadata
-from specklegen.datasets.store.locks import LockState, claim
-from specklegen.datasets.store.places import is_remote, place_of
+from specklegen.datasets.store.locks import LockState, claim, claim_object
+from specklegen.datasets.store.places import delete, is_remote, place_of, put
 from specklegen.datasets.store.seals import seal, shard_digest
 from specklegen.datasets.store.shards import ForeignShard, MissingSample, ShardFiles, read_table
 
@@ -56,21 +57,24 @@ class Store:
 
     def __init__(self, folder: str | os.PathLike, writable: bool = False) -> None:
         self.folder = place_of(folder)
-        if writable and is_remote(self.folder):
-            reject("store.folder", "a folder of this machine, to write", str(folder), "Copy the finished store there.")
+        self._elsewhere = tempfile.TemporaryDirectory() if writable and is_remote(self.folder) else None
         self.metadata = metadata.read(self.folder)
         # From what was read and compared, not read again: a file may be away while another process replaces it.
-        with zarr.config.set({"array.write_empty_chunks": True}):
-            self._arrays = {
-                name: zarr.Array.from_dict(_as_zarr(self.folder, name, writable), self.metadata.said(name))
-                for name in self.metadata.arrays
-            }
+        self._arrays = {
+            name: _array(_as_zarr(self._made, name, writable), self.metadata.said(name))
+            for name in self.metadata.arrays
+        }
         self.attributes: dict[str, Any] = self.metadata.attributes
         self.shard_samples: int = self.attributes["shard_samples"]
         self.parameter_names: list[str] = list(self._arrays["parameters"].attrs["names"])  # type: ignore[arg-type]
         self.keys: list[str] = list(self.attributes["arrays"])
         self.fingerprint: str = self.attributes["fingerprint"]
         self.seed: int = self.attributes["identity"]["seed"]
+
+    @property
+    def _made(self) -> Path:
+        """Where shards are made: the folder itself, or one of this machine from which they are put at an address."""
+        return self.folder if self._elsewhere is None else Path(self._elsewhere.name)
 
     def require(self, fingerprint: str) -> None:
         """Refuse a data set other than that of a fingerprint: a path may lead elsewhere by now, as a moved link does.
@@ -122,19 +126,28 @@ class Store:
 
     def claimed(self, shard: int, wait: bool = False) -> contextlib.AbstractContextManager[LockState]:
         """Claim a shard; see :mod:`specklegen.datasets.store.locks`."""
+        if is_remote(self.folder):
+            return claim_object(self.folder / "valid" / "claims" / str(shard), wait)
         return claim(self.locks, shard + 1, wait)
+
+    def claimed_metadata(self) -> contextlib.AbstractContextManager[object]:
+        """Claim the metadata, and wait; at an address nobody can, and the longest of several lengths is agreed on."""
+        return contextlib.nullcontext() if is_remote(self.folder) else claim(self.locks, METADATA, wait=True)
 
     @property
     def locks(self) -> Path:
-        """The file whose bytes are claims."""
+        """The file whose bytes are claims, in a folder."""
         return self.folder / "valid" / "locks"
 
     def files(self, shard: int) -> list[Path]:
         """Return the files that hold a shard's contents, the ledger excepted, in a fixed order."""
-        return [self._file(name, shard) for name in [*self.keys, *metadata.COLUMNS]]
+        return self._files(shard, self.folder)
 
-    def _file(self, name: str, shard: int) -> Path:
-        return self.folder.joinpath(name, "c", str(shard), *["0"] * (self._arrays[name].ndim - 1))
+    def _files(self, shard: int, folder: Path) -> list[Path]:
+        return [self._file(name, shard, folder) for name in [*self.keys, *metadata.COLUMNS]]
+
+    def _file(self, name: str, shard: int, folder: Path | None = None) -> Path:
+        return (folder or self.folder).joinpath(name, "c", str(shard), *["0"] * (self._arrays[name].ndim - 1))
 
     def digest(self, shard: int) -> bytes:
         """Return the SHA-256 of a shard as it is now: its data set, its number, its files."""
@@ -163,10 +176,20 @@ class Store:
         ]
         for name, column in {**columns, "seal": np.array(seals, np.uint64)}.items():
             self._write(name, shard, place, column)
-        checksum = self.digest(shard)
+        made = self._files(shard, self._made)
+        checksum = shard_digest(self.fingerprint, self.seed, shard, self.shard_samples, made)
         self._write("checksum", shard, shard, np.frombuffer(checksum, np.uint8))
         self._write("valid", shard, place, True)
+        if self._elsewhere is not None:
+            self._send([*made, *(self._file(name, shard, self._made) for name in ("checksum", "valid"))])
         return checksum
+
+    def _send(self, made: list[Path]) -> None:
+        """Put files of a shard at the address, in this order, and delete them here."""
+        for file in made:
+            put(self.folder / file.relative_to(self._made).as_posix(), file.read_bytes())
+        for file in made:
+            file.unlink()
 
     def _write(self, name: str, shard: int, place: slice | int, column: np.ndarray | bool) -> None:
         """Write all that a shard has of an array; again if the temporary file was swept while this process slept."""
@@ -179,12 +202,12 @@ class Store:
         except OSError:
             raise
         except Exception:  # zarr reads a file that it may fill but in part, and this one is damaged
-            self._file(name, shard).unlink(missing_ok=True)
+            self._file(name, shard, self._made).unlink(missing_ok=True)
             patiently(write)
 
     def forget_shard(self, shard: int) -> None:
         """Take a shard off the ledger; its files stay, to be replaced: another process may be writing them now."""
-        self._file("valid", shard).unlink(missing_ok=True)
+        delete(self._file("valid", shard))
 
     @cached_property
     def shard_files(self) -> dict[str, ShardFiles]:
@@ -233,6 +256,8 @@ class Store:
 
     def temporaries(self) -> Iterator[Path]:
         """Find files that are not yet whole, of the living and of the dead; others belong to the user."""
+        if is_remote(self.folder):
+            return
         for name in ["", *self.metadata.arrays]:
             for file in (self.folder / name).glob("*.partial"):
                 if file.name.split(".")[0] in ("zarr", "record", "names"):
@@ -241,6 +266,12 @@ class Store:
             for file in (self.folder / name / "c").rglob("*.partial"):
                 if file.relative_to(self.folder / name / "c").parts[0].split(".")[0].isdigit():
                     yield file
+
+
+def _array(place: zarr.storage.StorePath, said: dict[str, Any]) -> zarr.Array:
+    """An array that writes chunks of zeros too; said to it alone: zarr's own settings are those of all threads."""
+    array = zarr.AsyncArray.from_dict(place, said)
+    return zarr.Array(zarr.AsyncArray(array.metadata, place, config={"write_empty_chunks": True}))
 
 
 def _as_zarr(folder: Any, name: str, writable: bool) -> zarr.storage.StorePath:

@@ -2,7 +2,6 @@
 
 import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from specklegen.datasets.sample_schema import Renderable
 from specklegen.datasets.store.creation import mend_metadata, require_same
 from specklegen.datasets.store.generate import GenerationError, fill_shard
 from specklegen.datasets.store.identity import identity
+from specklegen.datasets.store.places import place_of
 from specklegen.datasets.store.reading import SampleReader
 from specklegen.datasets.store.store import Store
 
@@ -43,7 +43,7 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
     Parameters
     ----------
     folder : path
-        The folder of the store.
+        The folder of the store, or its address.
     repair : recipe, optional
         The recipe that the store was made from: damaged metadata are written again, damaged and unfinished shards
         are rendered, orphans deleted.
@@ -60,7 +60,7 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
     GenerationError
         If a shard could not be rendered again.
     """
-    metadata_damage = mend_metadata(Path(folder).absolute(), repair) if repair is not None else ""
+    metadata_damage = mend_metadata(place_of(folder), repair) if repair is not None else ""
     store = Store(folder, writable=repair is not None)
     stated = store.attributes["identity"]
     if repair is not None:

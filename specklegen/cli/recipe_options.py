@@ -96,10 +96,11 @@ def load_hidden(
 
 
 def is_store(what: str) -> bool:
-    """Whether a name is the folder of a store."""
+    """Whether a name is the folder of a store, or its address."""
     from specklegen.datasets.store.metadata import is_store as meant
+    from specklegen.datasets.store.places import place_of
 
     try:
-        return meant(Path(what))
+        return meant(place_of(what))
     except (OSError, ValueError):  # a name that is too long
         return False

@@ -15,12 +15,14 @@ from specklegen.core.errors import counted, reject
 if TYPE_CHECKING:
     from specklegen.datasets.store.verify import Verification
 
-Store = Annotated[Path, typer.Argument(help="Folder of a store.")]
+Store = Annotated[str, typer.Argument(help="Folder of a store, or its address (s3://bucket/a.zarr).")]
 
 
 def generate(
     recipe: RecipeName,
-    out: Annotated[Path, typer.Option(help="Folder of the store; filled up if it is there already.")],
+    out: Annotated[
+        str, typer.Option(help="Folder of the store, or an address (s3://bucket/a.zarr); filled up if it is there.")
+    ],
     samples: Annotated[int | None, typer.Option(min=1, help="Samples (default: an epoch of the split).")] = None,
     split: Split = "train",
     seed: Seed = 0,
@@ -39,14 +41,13 @@ def generate(
     """Fill a zarr store with samples of a recipe; run it again to go on where it stopped."""
     from specklegen.datasets.store.estimate import foreseen
     from specklegen.datasets.store.generate import generate as fill
-    from specklegen.datasets.store.info import info as describe
 
     loaded = load(recipe, changes, images, objects)
     count = samples if samples is not None else loaded.length(split)
     part = _part(shard_range)
-    missing = count - (min(describe(out)["done"], count) if is_store(str(out)) else 0)
-    if missing > 0 and part[1] > 0 and cluster is None:
-        report = foreseen(loaded, -(-missing // part[1]), out, seed, split, processes=processes, anyway=anyway)
+    missing = _missing(out, count, part) if 0 <= part[0] < part[1] else 0
+    if missing > 0 and cluster is None:
+        report = foreseen(loaded, missing, out, seed, split, processes=processes, anyway=anyway)
         if report:
             typer.echo(report, err=True)
     begin = time.perf_counter()
@@ -65,11 +66,25 @@ def generate(
             )
             raise typer.Exit(INTERRUPTED) from None
     took = time.perf_counter() - begin
-    rendered = report["rendered"]
+    rendered, total = report["rendered"], counted(report["total"], "sample")
+    whole = total if part[1] == 1 else f"{total} of part {shard_range}"
     typer.echo(
-        f"{report['done']} of {counted(report['total'], 'sample')} in {out} ({report['bytes'] / 2**20:.1f} MiB); "
+        f"{report['done']} of {whole} in {out} ({report['bytes'] / 2**20:.1f} MiB); "
         f"rendered {rendered} in {took:.1f} s" + (f", {_rate(rendered / took)} a second" if rendered else "")
     )
+
+
+def _missing(out: str, count: int, part: tuple[int, int]) -> int:
+    """Samples of a part that are not there; of the store its own shards alone are looked at."""
+    from specklegen.datasets.store.creation import shards_of
+    from specklegen.datasets.store.info import info as describe
+    from specklegen.datasets.store.store import Store
+
+    share = -(-count // part[1])
+    if not is_store(out):
+        return share
+    shards = None if part[1] == 1 else shards_of(min(count, (there := Store(out)).samples), there.shard_samples, part)
+    return max(share - describe(out, shards)["done"], 0)
 
 
 def _rate(rate: float) -> str:

@@ -1,4 +1,4 @@
-"""Stores read from another file system: the same samples, the same refusals; writing stays on this machine."""
+"""Stores read from another file system: the same samples, the same refusals."""
 
 import pickle
 import sys
@@ -11,7 +11,6 @@ from small_stores import make
 from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleCache
 from specklegen.datasets.store.shards import DamagedShard, MissingSample
-from specklegen.datasets.store.store import Store
 
 fsspec = pytest.importorskip("fsspec")
 upath = pytest.importorskip("upath", reason="needs the extra remote")
@@ -59,11 +58,6 @@ def test_what_is_missing_or_damaged_far_away_is_refused_too(there):
     SpeckleCache(address).numpy(0)
     with pytest.raises(RuleError, match="a folder that holds a store"):
         SpeckleCache("memory://nothing-here.zarr")
-
-
-def test_a_store_far_away_is_not_written(there):
-    with pytest.raises(RuleError, match=r"store\.folder must be a folder of this machine, to write"):
-        Store(upath.UPath(there[1]), writable=True)
 
 
 def test_a_far_store_renders_what_is_missing(tmp_path):

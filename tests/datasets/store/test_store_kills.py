@@ -198,7 +198,7 @@ def test_a_full_disk_is_named_when_a_store_is_made_or_grown(tmp_path, monkeypatc
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(metadata, "write_whole", full)
+    monkeypatch.setattr(metadata, "put", full)
     with pytest.raises(RuleError, match="No space left on device.*Make room, then run the same command again"):
         make(tmp_path / "a.zarr")
     monkeypatch.undo()

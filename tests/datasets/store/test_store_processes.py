@@ -80,7 +80,7 @@ def test_a_call_returns_when_shards_that_others_had_claimed_are_there_too(tmp_pa
 
 def test_a_call_that_dies_while_growing_leaves_a_sound_store(tmp_path, monkeypatch):
     good = make(tmp_path / "a.zarr", samples=8)
-    write = metadata.write_whole
+    write = metadata.put
     for deaths in range(12):  # each call dies one file later: the record, nine arrays, the ledger, the record
         left = iter(range(deaths))
 
@@ -88,7 +88,7 @@ def test_a_call_that_dies_while_growing_leaves_a_sound_store(tmp_path, monkeypat
             next(left)  # StopIteration stands for the kill
             write(file, data)
 
-        monkeypatch.setattr(metadata, "write_whole", dying)
+        monkeypatch.setattr(metadata, "put", dying)
         with pytest.raises(StopIteration):
             make(tmp_path / "a.zarr", samples=22)
         monkeypatch.undo()

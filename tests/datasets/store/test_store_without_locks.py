@@ -56,7 +56,7 @@ def write(folder):
 
 def sweep(folder):
     while not done(folder):
-        whole_files.sweep(open_for(RECIPE, 0, "train", "uint16", folder, SAMPLES, SHARD).temporaries())
+        whole_files.sweep(open_for(RECIPE, 0, "train", "uint16", folder, SAMPLES, SHARD).store.temporaries())
 
 
 def read(folder):
