@@ -35,7 +35,7 @@ def test_epochs_seeds_and_groups_have_orders_of_their_own():
 
 
 def test_every_place_is_as_likely_for_every_sample():
-    """Shards of one sample, so that orders are permutations: 11/12 of the sum is a chi-square of 121 degrees of freedom.
+    """Shards of one sample, so that orders are permutations: 11/12 of the sum is a chi-square, of 121 degrees.
 
     False-alarm rate 1e-6; where groups were left where they are it would be thousands.
     """
