@@ -5,7 +5,8 @@ import io
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,38 @@ if TYPE_CHECKING:
     from specklegen.models.learning.training import Training
 
 _CHUNK = 256  # samples at once where no gradient is kept
+
+
+@dataclass
+class Pace:
+    """How fast images came, and how fast the network took them, since an epoch began or the run was taken up again.
+
+    Attributes
+    ----------
+    images : int
+    waited, stepped : float
+        Seconds by the clock until batches were there, and of the network's steps.
+    """
+
+    images: int = 0
+    waited: float = 0.0
+    stepped: float = 0.0
+
+    def timed(self, batches: Iterator[tuple[Tensor, Tensor]]) -> Iterator[tuple[Tensor, Tensor]]:
+        """Count the seconds until each batch is there."""
+        begun = time.perf_counter()
+        for batch in batches:
+            self.waited += time.perf_counter() - begun
+            yield batch
+            begun = time.perf_counter()
+
+    def rates(self) -> dict[str, float]:
+        """Images a second that the data gave, and that the network trained on.
+
+        Where workers make images beside the network, it waits for less than making them takes.
+        """
+        made, trained = (round(self.images / max(seconds, 1e-6), 1) for seconds in (self.waited, self.stepped))
+        return {"made_per_second": made, "trained_per_second": trained}
 
 
 class Run:
@@ -49,6 +82,7 @@ class Run:
         )
         self.epoch = self.step = self.stale = 0
         self.spent = self.summed = self.ended = 0.0
+        self.pace = Pace()
         self.best = -math.inf
         self.finished = self.stepping = False
         self.rows: list[dict[str, float]] = []
@@ -76,7 +110,7 @@ class Run:
 
     def take_step(self, inputs: Tensor, targets: Tensor, loss_of: Loss, rate: float) -> None:
         """One step of the optimiser at a share of the learning rate."""
-        training, self.stepping = self.training, True
+        training, self.stepping, begun = self.training, True, time.perf_counter()
         for group in self.optimiser.param_groups:
             group["lr"] = training.learning_rate * rate
         if training.mirror:
@@ -92,6 +126,8 @@ class Run:
         self.optimiser.step()
         self.step += 1
         self.summed += loss.item()
+        self.pace.stepped += time.perf_counter() - begun
+        self.pace.images += len(targets)
         self.stepping = False
 
     def time_of_validation(self) -> float:
@@ -111,7 +147,9 @@ class Run:
             "train_loss": self.summed / max(self.step, 1),
             f"validation_{TARGETS[self.training.target].scored}": score,
             "learning_rate": self.optimiser.param_groups[0]["lr"],
+            **self.pace.rates(),
         }
+        self.pace = Pace()
         self.rows.append(row)
         self.stale = 0 if score > self.best else self.stale + 1
         self.require_own()

@@ -256,7 +256,7 @@ def _trained(
     taken, total, saved = 0, length * run.training.epochs, time.monotonic()
     while not run.finished:
         try:
-            for inputs, targets in batches(run.epoch, run.step):
+            for inputs, targets in run.pace.timed(batches(run.epoch, run.step)):
                 done = run.epoch * length + run.step
                 share = done / total if seconds is None else max(done / total, run.spent / max(seconds - closing, 1e-9))
                 run.take_step(inputs, targets, loss_of, min(1.0, (done + 1) / WARM_UP) * cosine(share))

@@ -284,11 +284,22 @@ def _fitted(
     return model
 
 
+def fed(made: float, trained: float) -> str:
+    """Whether the data kept a network fed, in a sentence: images a second of either."""
+    waits = trained / (made + trained)
+    words = f"{made:.3g} images a second came, {trained:.3g} a second were trained on"
+    if waits < 0.2:
+        return f"{words}: the data keeps the network fed"
+    return f"{words}: the network waits {waits:.0%} of the time (--workers, or a store that was rendered before)"
+
+
 def _conclude(model: "Reconstructor", beside: "Beside", out: Path) -> None:
     """Print and write the table at the end of a run."""
     from specklegen.models.learning.networks import parameter_count
     from specklegen.models.learning.run import read_log
 
+    if log := read_log(out):
+        typer.echo(fed(log[-1]["made_per_second"], log[-1]["trained_per_second"]))
     if beside.judged:
         table = beside.table(model)
         (out / "summary.md").write_text(table)
