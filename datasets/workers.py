@@ -16,7 +16,7 @@ PRELOAD = [
     "torch", "zarr", "numba", "specklegen.datasets.workers", "specklegen.datasets.store.generate",
     "specklegen.datasets.recipes.registry", "specklegen.datasets.recipes.generator",
 ]  # fmt: skip
-"""What every worker of a recipe would import by itself, in .7 s; its only threads are OpenBLAS's, ended before a fork."""
+"""What every worker of a recipe would import by itself; its only threads are those of OpenBLAS, ended before a fork."""
 
 
 def worker_context() -> BaseContext:
