@@ -1,6 +1,7 @@
 """The commands about recipes: list them, show one, print the schema of a kind, plan one."""
 
 import resource
+from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -11,6 +12,7 @@ from specklegen.cli.recipe_options import Images, RecipeName, Set, load, names_s
 from specklegen.core.errors import counted
 
 if TYPE_CHECKING:
+    from specklegen.datasets import Recipe
     from specklegen.planning.plan import Plan
 
 recipes = typer.Typer(help="List the packaged recipes, show one, or the schema of its kind.", rich_markup_mode=None)
@@ -74,27 +76,57 @@ def plan(
     images: Images = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="With the reason for each part.")] = False,
     as_json: AsJson = False,
+    anew: Annotated[bool, typer.Option("--anew", help="Plan and measure again, whatever was answered before.")] = False,
 ) -> None:
-    """Tell how a recipe's scenes are rendered, which parts are left out, and the cost; with --verbose, why."""
-    loaded = load(recipe, changes, images)
-    loaded.fingerprint()  # reads a folder of pictures: what is wrong with it is said before anything else
-    plans = loaded.plans()
-    if not as_json:
-        typer.echo("\n\n".join(each.explain() for each in plans) + "\n" if verbose else _in_short(plans))
-    from specklegen.datasets.store.estimate import estimate  # with zarr and torch, after the plans are read
+    """Tell how a recipe's scenes are rendered, which parts are left out, and the cost; with --verbose, why.
 
-    count = samples if samples is not None else loaded.length("train")
-    cost = estimate(loaded, count)
-    # This process has just rendered and stored a few samples: what it took, any other takes too.
-    rendered = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    memory = rendered + cost["memory"]
+    What was answered before is kept, the measured cost too.
+    """
+    from specklegen.cli.kept_plans import keeping, kept_answer, place_of
+    from specklegen.datasets.recipes.overrides import changes_of
+    from specklegen.datasets.recipes.recipe_files import changed, recipe_table
+
+    words = "verbose" if verbose else "short"
+    table = changed(recipe_table(recipe), changes_of(changes or []))
+    place = None if images is not None else place_of(table, samples)
+    answer = None if anew else kept_answer(place)
+    if answer is None:
+        with keeping(place) as answer:
+            loaded = load(recipe, changes, images)
+            loaded.fingerprint()  # reads a folder of pictures: what is wrong with it is said before anything else
+            answer |= _planned(loaded.plans())
+            if not as_json:
+                typer.echo(answer[words])
+            answer["cost"] = _cost(loaded, samples)
+    elif not as_json:
+        typer.echo(answer[words])
+    cost = answer["cost"]
     if as_json:
-        echo_json({"plans": [facts(each) for each in plans], "cost": cost | {"samples": count, "memory": memory}})
+        echo_json({"plans": answer["plans"], "cost": cost})
         return
     typer.echo(
-        f"{counted(count, 'sample')}: about {cost['bytes'] / 2**20:.1f} MiB on disk, {cost['seconds']:.1f} s on "
-        f"{counted(cost['processes'], 'core')}, at most {memory / 2**20:.0f} MiB of memory in each process."
+        f"{counted(cost['samples'], 'sample')}: about {cost['bytes'] / 2**20:.1f} MiB on disk, {cost['seconds']:.1f} s "
+        f"on {counted(cost['processes'], 'core')}, at most {cost['memory'] / 2**20:.0f} MiB of memory in each process, "
+        f"measured on {cost['measured']}."
     )
+
+
+def _planned(plans: "list[Plan]") -> dict[str, Any]:
+    """What plans say, in each of the ways that the command has."""
+    verbose = "\n\n".join(each.explain() for each in plans) + "\n"
+    return {"short": _in_short(plans), "verbose": verbose, "plans": [facts(each) for each in plans]}
+
+
+def _cost(recipe: "Recipe", samples: int | None) -> dict[str, Any]:
+    """What so many samples cost here, by a few of them."""
+    from specklegen.datasets.store.estimate import estimate  # with zarr and torch, after the plans are read
+
+    count = samples if samples is not None else recipe.length("train")
+    cost = estimate(recipe, count)
+    # This process has just rendered and stored a few samples: what it took, any other takes too.
+    rendered = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    when = datetime.now().astimezone().isoformat(" ", "minutes")
+    return cost | {"samples": count, "memory": rendered + cost["memory"], "measured": when}
 
 
 def _in_short(plans: "list[Plan]") -> str:

@@ -1,7 +1,13 @@
 """The libraries that decide the last bits of a result, with their versions."""
 
+import hashlib
+import os
+import platform
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from llvmlite.binding import get_host_cpu_name
 
 DISTRIBUTION = "specklegen-torch"
 """What pip knows this package as; on the package index ``specklegen`` is somebody else's."""
@@ -19,3 +25,21 @@ def library_versions() -> dict[str, str]:
         except PackageNotFoundError:  # specklegen itself, in a clone that is not installed
             continue
     return versions
+
+
+def arithmetic() -> str:
+    """What decides last bits beside sources: a home folder may be shared by machines, and outlives libraries."""
+    chosen = [os.environ.get(name, "") for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "MKL_CBWR")]
+    return f"{sorted(library_versions().items())} {platform.machine()} {get_host_cpu_name()} {chosen}"
+
+
+@lru_cache(maxsize=1)
+def package_digest() -> str:
+    """SHA-256, in hexadecimal, of every file of this package, of its data too, and of their names."""
+    root, digest = Path(__file__).parents[1], hashlib.sha256()
+    for folder, inner, names in os.walk(root, followlinks=True):  # of a clone: two of its folders are links
+        inner[:] = sorted(name for name in inner if name != "__pycache__")
+        for file in (Path(folder, name) for name in sorted(names)):
+            content = file.read_bytes()
+            digest.update(f"{file.relative_to(root)} {len(content)} ".encode() + content)
+    return digest.hexdigest()

@@ -23,6 +23,7 @@ from typing import Any
 
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
 _DIGEST = 32  # bytes of SHA-256
@@ -202,9 +203,14 @@ class KernelCache(FunctionCache):
         self._cache_file = _CheckedFiles(Path(self._cache_path), self._impl.filename_base)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Read a compiled kernel; None where there is none that is whole."""
+        """Read a compiled kernel; None where there is none that is whole.
+
+        Numba imports here all that it can translate, .4 s of a process, of which machine code needs the addresses of
+        the runtime alone; who compiles imports it then.
+        """
         try:
-            return super().load_overload(sig, target_context)
+            rtsys.initialize(target_context)
+            return self._load_overload(sig, target_context)
         except (DamagedCacheError, OSError, pickle.UnpicklingError, EOFError, AttributeError, ImportError) as error:
             say_once(f"compiled kernels in {self._cache_path} cannot be read, so they compile anew: {error}")
             self._attempt(self.flush)

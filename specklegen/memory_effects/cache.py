@@ -9,27 +9,23 @@ that cannot be written, or a file that is damaged, costs an estimate and nothing
 import dataclasses
 import hashlib
 import io
-import os
-import platform
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from llvmlite.binding import get_host_cpu_name
 
-from specklegen.core.libraries import library_versions
+from specklegen.core.kept_files import cache_root, keep, kept_content, make_room
+from specklegen.core.libraries import arithmetic
 from specklegen.core.values import read_only
-from specklegen.core.whole_files import sweep, write_whole
-from specklegen.kernels.cache import cache_root, say_once
+from specklegen.kernels.cache import say_once
 from specklegen.scene.media import PlaneMedium
 
 LIMIT = 2000  # files; the oldest go first ...
 LIMIT_BYTES = 2**30  # ... and of all files together
 MOST_BYTES = 2**26  # of one: a larger one, of millions of paths, is for a process
 _SUFFIX = ".kernel"
-_DIGEST = 32  # bytes of SHA-256
 _SOURCES = (
     "kernels/*.py", "paths/*.py", "scene/*.py", "scene/scatterers/*.py", "core/random_streams.py", "core/quadrature.py",
     "core/statistics.py", "memory_effects/correlation.py", "memory_effects/oblique.py",
@@ -47,7 +43,7 @@ def folder() -> Path:
 
 def path_of(medium: PlaneMedium, paths: int, *about: object) -> Path:
     """File of what ``paths`` paths tell of a medium; ``about`` is all else that decides it."""
-    key = hashlib.sha256(f"{_sources_digest()} {_arithmetic()} {medium.fingerprint()} {paths}".encode())
+    key = hashlib.sha256(f"{_sources_digest()} {arithmetic()} {medium.fingerprint()} {paths}".encode())
     for each in about:
         key.update(f" {each!r}".encode())
     return folder() / (key.hexdigest() + _SUFFIX)
@@ -71,13 +67,10 @@ def found(
 
 def load(file: Path, kind: type[Correlation]) -> Correlation | None:
     """Read a correlation; None where there is no file, or a damaged one."""
-    try:
-        content = file.read_bytes()
-    except OSError:
-        return None
-    digest, payload = content[:_DIGEST], content[_DIGEST:]
-    if hashlib.sha256(payload).digest() != digest:
-        say_once(f"{file} is damaged, so its memory-effect correlation is estimated anew")
+    payload = kept_content(file)
+    if payload is None:
+        if file.exists():
+            say_once(f"{file} is damaged, so its memory-effect correlation is estimated anew")
         return None
     with np.load(io.BytesIO(payload), allow_pickle=False) as data:
         read = {name: data[name] for name in data.files}
@@ -93,42 +86,10 @@ def store(correlation: object, file: Path) -> None:
     if len(payload) > MOST_BYTES:
         return
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(file, hashlib.sha256(payload).digest() + payload)
-        _make_room(file.parent)
+        keep(file, payload)
+        make_room(file.parent, _SUFFIX, LIMIT, LIMIT_BYTES)
     except OSError as error:
         say_once(f"memory-effect correlations cannot be kept in {file.parent}; each process estimates anew: {error}")
-
-
-def _make_room(where: Path) -> None:
-    sweep(where.glob("*.partial"))
-    newest_first = sorted((_age_and_size(file) for file in where.glob("*" + _SUFFIX)), reverse=True)
-    held = 0
-    for number, (_, size, file) in enumerate(newest_first):
-        held += size
-        if number >= LIMIT or (held > LIMIT_BYTES and number):
-            _remove(file)
-
-
-def _age_and_size(file: Path) -> tuple[float, int, Path]:
-    try:
-        status = file.stat()
-    except OSError:
-        return 0.0, 0, file
-    return status.st_mtime, status.st_size, file
-
-
-def _remove(file: Path) -> None:
-    try:
-        file.unlink(missing_ok=True)
-    except OSError:
-        pass
-
-
-def _arithmetic() -> str:
-    """What decides last bits besides: a home folder may be shared by machines, and outlives libraries."""
-    chosen = [os.environ.get(name, "") for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "MKL_CBWR")]
-    return f"{sorted(library_versions().items())} {platform.machine()} {get_host_cpu_name()} {chosen}"
 
 
 @lru_cache(maxsize=1)

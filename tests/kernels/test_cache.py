@@ -96,6 +96,30 @@ def test_a_whole_cache_is_used_in_silence(filled):
     assert run(filled) == (f"{RIGHT} hits 1 misses 0", "")
 
 
+def test_what_is_read_needs_no_compiler_and_leaves_it_whole(filled):
+    """Reading imports none of what Numba can translate; what compiles afterwards finds it, and calls what was read."""
+    program = """
+import sys, numpy as np
+from specklegen.kernels import rng
+out = np.empty((1, 4), np.uint32)
+rng.philox_words(0, 0, np.zeros((1, 4), np.uint32), out)
+assert sum(rng.philox_words.stats.cache_hits.values()) == 1
+read = hex(out[0, 0]), [name for name in ("numba.np.linalg", "numba.np.npyimpl") if name in sys.modules]
+from numba import njit
+@njit
+def compiled(matrix, words):
+    rng.philox_words(0, 0, np.zeros((1, 4), np.uint32), words)
+    return np.linalg.det(matrix) + np.sort(matrix.ravel())[-1]
+out[:] = 0
+print(*read, round(compiled(np.array([[2.0, 1.0], [1.0, 4.0]]), out), 9), hex(out[0, 0]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=os.environ | {"SPECKLEGEN_CACHE": str(filled)}, capture_output=True,
+        text=True, timeout=300, cwd=ROOT,
+    )  # fmt: skip
+    assert done.stdout == f"{RIGHT} [] 11.0 {RIGHT}\n", done.stderr
+
+
 def test_another_checkout_of_the_same_sources_uses_it(filled, tmp_path):
     """At another path, its files written later; a changed source compiles anew."""
     package, kernels = tmp_path / "specklegen", tmp_path / "specklegen" / "kernels"

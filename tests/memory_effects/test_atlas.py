@@ -386,13 +386,13 @@ def test_what_is_kept_is_of_one_kind_of_processor_and_one_set_of_libraries(monke
     medium = slab(0.2, 0.5)
     names = {cache.path_of(medium, 100).name, cache.path_of(medium, 100).name}
     assert len(names) == 1
-    for name, value in (
-        ("get_host_cpu_name", lambda: "another"),
-        ("library_versions", lambda: {"numba": "0.0"}),
-        ("_sources_digest", lambda: "of other sources"),
+    for place, value in (
+        ("core.libraries.get_host_cpu_name", lambda: "another"),
+        ("core.libraries.library_versions", lambda: {"numba": "0.0"}),
+        ("memory_effects.cache._sources_digest", lambda: "of other sources"),
     ):
         with monkeypatch.context() as context:
-            context.setattr(cache, name, value)
+            context.setattr(f"specklegen.{place}", value)
             names.add(cache.path_of(medium, 100).name)
     with monkeypatch.context() as context:
         context.setenv("NUMBA_CPU_NAME", "a kind that this process does not run for")
