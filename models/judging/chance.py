@@ -13,7 +13,7 @@ from specklegen.models.metrics import SCORES, align
 
 
 def partners(labels: np.ndarray, families: np.ndarray) -> np.ndarray:
-    """For each image another one, of another object: int64[n].
+    """Find for each image another one, of another object: int64[n].
 
     It is the next one, or the first after that whose label or family differs where there are labels: two pictures of
     one character are no chance.

@@ -206,7 +206,7 @@ class Results(Pictured):
         return lines
 
     def _secrecy(self) -> list[str]:
-        """What is left out at a secret seed, and what the results are bound to."""
+        """Name the tasks left out at a secret seed, and the commitment."""
         if not self.commitment:
             return []
         stored = ", ".join(each.name for each in TASKS if each.stored)
