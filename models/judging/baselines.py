@@ -1,9 +1,10 @@
-"""What a network is judged beside: the mean image, which looks at nothing, and phase retrieval, which learns nothing.
+"""What a network is judged beside: the mean image, which looks at nothing, and methods that learn nothing.
 
 A method is a function of a batch (of a hidden-object recipe, as tensors) to brightness float32[B, n, n] on the pitch of
 the object, up to shift and flip; n is at most :data:`FRAME`.
 """
 
+import copy
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple
 
@@ -21,6 +22,8 @@ from specklegen.models.learning.inputs import (
 from specklegen.models.learning.measurement import measured
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.solver import Solver
+from specklegen.models.likelihood.likelihood import Optics
+from specklegen.models.likelihood.multiframe import multiframe_deconvolution
 from specklegen.models.metrics import align
 from specklegen.models.retrieval.apodisation import transfer_function
 from specklegen.models.retrieval.autocorrelation import lag_means, memory_effect_at_lags
@@ -61,6 +64,40 @@ def network(model: Reconstructor) -> Method:
     return method
 
 
+def untrained(model: Reconstructor, seed: int = 0) -> Reconstructor:
+    """The same architecture with weights as before training: what its shape alone makes of an image."""
+    fresh = copy.deepcopy(model)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        for part in fresh.network.modules():
+            if callable(reset := getattr(part, "reset_parameters", None)):
+                reset()
+    return fresh
+
+
+def together(recipe: HiddenObject, seed: int = 0, starts: int = 4) -> Method:
+    """Multiframe deconvolution of the images that share a medium; by itself an image has a dark answer.
+
+    ``seed`` and ``starts`` are of its search.
+    """
+
+    def method(batch: Batch) -> Tensor:
+        step, grain = steps_of(batch).float(), (grain_pixels(batch) * steps_of(batch)).float()
+        rows = min(batch["image"].shape[-2:])
+        made = batch["image"].new_zeros(len(batch["image"]), FRAME, FRAME)
+        for number in batch["medium"].unique():
+            own = (batch["medium"] == number).nonzero()[:, 0]
+            if len(own) < 2:
+                continue
+            size = min(FRAME, int(rows / float(step[own[0]])))
+            optics = Optics(step[own], grain[own], recipe.profile)
+            found = multiframe_deconvolution(batch["image"][own], optics, size, starts=starts, seed=seed)
+            made[own, :size, :size] = found.image.to(made)
+        return made
+
+    return method
+
+
 def another_object(objects: Tensor) -> Method:
     """Answer with some training object [N, h, w], which has nothing to do with the image: the level of chance.
 
@@ -71,7 +108,7 @@ def another_object(objects: Tensor) -> Method:
 
 def katz(
     retrieval: Retrieval | None = None, recipe: HiddenObject | None = None, seed: int = 0, *,
-    division: Division | Literal["expected"] = "expected", apodise: bool = False,
+    division: Division | Literal["expected"] = "expected", apodise: bool = False, camera: Stated | None = None,
 ) -> Method:  # fmt: skip
     """Phase retrieval from the same lags that a network sees, camera noise taken off.
 
@@ -89,13 +126,16 @@ def katz(
         each image's own lags promise most of, which may be not to divide.
     apodise
         Apodise by the window's transfer function, which a laboratory knows: aims at the diffraction-limited object.
+    camera
+        What is known of its noise; by default the recipe's camera, or nothing where none is given.
     """
+    stated = camera or ("unknown" if recipe is None else recipe.exposure or "none")
 
     def method(batch: Batch) -> Tensor:
         settings = retrieval or Retrieval()
         if settings.extent is None:
             settings = settings.replace(extent=max(batch["object"].shape[-2:]))
-        seen = seen_lags(batch, "unknown" if recipe is None else recipe.exposure or "none")
+        seen = seen_lags(batch, stated)
         images = []
         for n, grains in enumerate(seen.grain.tolist()):
             lags = seen.lags[n : n + 1]

@@ -57,7 +57,12 @@ def aligned_to(made: Tensor, target: Tensor, shape: tuple[int, int]) -> Tensor:
     The margin goes on as dark as the reconstruction's edge, the median of its outermost pixels: scores forget an offset
     of brightness, and a method should not be found out by the box that the offset would make.
     """
-    return align(framed(_darkened(made), FRAME), target)[..., : shape[0], : shape[1]]
+    return align(on_frame(made), target)[..., : shape[0], : shape[1]]
+
+
+def on_frame(images: Tensor, dark: bool = True) -> Tensor:
+    """Images real[..., h, w] in the first corner of the frame, ``dark`` those whose edge is made 0 first."""
+    return framed(_darkened(images) if dark else images.float(), FRAME)
 
 
 def _darkened(made: Tensor) -> Tensor:

@@ -13,11 +13,11 @@ import torch
 
 from specklegen.core.errors import reject
 from specklegen.models.judging.evaluation import evaluate
-from specklegen.models.judging.tasks import SEED, TASKS, VERSION, task
-from specklegen.models.learning.examples import batches_of
+from specklegen.models.judging.secret import require_words, seed_of
+from specklegen.models.judging.tasks import SEED, VERSION, drawn_at, task
 
 if TYPE_CHECKING:
-    from specklegen.models.judging.benchmark import Results
+    from specklegen.models.judging.results import Results
 
 _TOLERANCE = 1e-3  # of a score: images of another processor differ by 1e-6, a forged one by more than this is found
 
@@ -25,7 +25,8 @@ _TOLERANCE = 1e-3  # of a score: images of another processor differ by 1e-6, a f
 def write_answers(file: Path, results: "Results") -> None:
     """Write the answers and their scores; see :func:`recheck`."""
     stated = {
-        "version": VERSION, "seed": SEED, "samples": results.samples,
+        "version": VERSION, "seed": None if results.commitment else SEED, "samples": results.samples,
+        "commitment": results.commitment,
         "fingerprints": {name: task(name).fingerprint for name in results.evaluations},
         "failures": [each._asdict() for each in results.failures],
         "answers": [[name, function, len(batches)] for (name, function), batches in results.answers.items()],
@@ -42,18 +43,20 @@ def write_answers(file: Path, results: "Results") -> None:
 
 
 def samples_of(file: Path) -> int:
-    """Return how many images a task the answers of a file are for, as it states."""
+    """Return how many images a task, at most, the answers of a file are for, as it states."""
     with np.load(file, allow_pickle=False) as content:
         return int(json.loads(str(content["stated"]))["samples"])
 
 
-def recheck(file: Path) -> dict[tuple[str, str], float]:
+def recheck(file: Path, secret: str | None = None) -> dict[tuple[str, str], float]:
     """Score the answers of a file anew.
 
     Parameters
     ----------
     file
         ``answers.npz`` of a run.
+    secret
+        Words that a run at a secret seed is bound to.
 
     Returns
     -------
@@ -64,7 +67,8 @@ def recheck(file: Path) -> dict[tuple[str, str], float]:
     ------
     RuleError
         If the file is of another version or of other images, or of fewer than it states, answers or scores are of
-        tasks or functions that the other ones are not of, or a score is not the one that it states.
+        tasks or functions that the other ones are not of, or a score is not the one that it states; or the words are
+        not those that it is bound to.
     """
     with np.load(file, allow_pickle=False) as content:
         stated: dict[str, Any] = json.loads(str(content["stated"]))
@@ -72,23 +76,29 @@ def recheck(file: Path) -> dict[tuple[str, str], float]:
             (name, function): [content[f"{number}/{place}"] for place in range(count)]
             for number, (name, function, count) in enumerate(stated["answers"])
         }
-    if (stated["version"], stated["seed"]) != (VERSION, SEED):
+    bound = stated.get("commitment", "")
+    if bool(bound) != (secret is not None):
+        reject("benchmark secret", "given for answers at a secret seed, and for no others", bound[:12] or "none stated")
+    if secret is not None:
+        require_words(secret, bound)
+    seed = SEED if secret is None else seed_of(secret)
+    if (stated["version"], stated["seed"]) != (VERSION, None if bound else SEED):
         reject("answers version", f"{VERSION}, seed {SEED}", f"{stated['version']}, seed {stated['seed']}")
     _require_whole(stated)
     means = {}
     for name in stated["fingerprints"]:
-        recipe = task(name).recipe()
-        asked = stated["fingerprints"][name]
-        if asked != recipe.fingerprint():
-            reject(f"answers of {name!r}", f"to images {recipe.fingerprint()[:12]}", asked[:12])
+        one = task(name)
+        recipe, asked = one.recipe(), stated["fingerprints"][name]
+        if asked != one.fingerprint:
+            reject(f"answers of {name!r}", f"to images {one.fingerprint[:12]}", asked[:12])
         of_task = {function: batches for (of, function), batches in answers.items() if of == name}
-        sizes = _sizes(name, of_task, stated["samples"])
+        sizes = _sizes(name, of_task, one.count(stated["samples"]))
         own = {function: iter(batches) for function, batches in of_task.items()}
         methods = {function: lambda batch, each=each: torch.from_numpy(next(each)) for function, each in own.items()}
         ends = np.cumsum([0, *sizes]).tolist()
         batches = (
             batch for first, last in zip(ends, ends[1:], strict=False)
-            for batch in batches_of(recipe, range(first, last), SEED, "test")
+            for batch in one.batches(range(first, last), seed)
         )  # fmt: skip
         evaluated, _ = evaluate(methods, batches, recipe.profile)
         for function, targets in evaluated.values.items():
@@ -119,8 +129,9 @@ def _require_whole(stated: dict[str, Any]) -> None:
 def missing_tasks(file: Path) -> list[str]:
     """Return the tasks of the benchmark that a file has no answers to: with any, it is no complete run."""
     with np.load(file, allow_pickle=False) as content:
-        answered = json.loads(str(content["stated"]))["fingerprints"]
-    return [each.name for each in TASKS if each.name not in answered]
+        stated = json.loads(str(content["stated"]))
+    asked = drawn_at(stated.get("commitment", ""))
+    return [each.name for each in asked if each.name not in stated["fingerprints"]]
 
 
 def _sizes(task: str, answers: dict[str, list[np.ndarray]], samples: int) -> list[int]:

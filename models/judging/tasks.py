@@ -1,27 +1,30 @@
 """The tasks of the benchmark: recipes with a seed, frozen under a version.
 
-A task is the ``test`` split of a packaged recipe with changes. The fingerprint of all that decides its pixels stands
-beside it, and a build that renders anything else refuses the task: scores of one :data:`VERSION` are of one set of
-images. Whoever changes a task, a packaged recipe under it, or pixels (``DATA_VERSION``) raises :data:`VERSION` and
-writes down the new fingerprints; a test keeps those of every version.
+A task is the ``test`` split of a packaged recipe with changes, or images that come with the package
+(:mod:`specklegen.models.judging.waves`). The fingerprint of all that decides its pixels stands beside it, and a build
+that renders anything else refuses the task: scores of one :data:`VERSION` are of one set of images. Whoever changes a
+task, a packaged recipe under it, or pixels (``DATA_VERSION``) raises :data:`VERSION` and writes down the new
+fingerprints; a test keeps those of every version.
 """
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
 from specklegen.core.errors import reject
 from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.hidden_object import HiddenObject
+from specklegen.models.judging import waves
+from specklegen.models.learning.examples import batches_of
 
-VERSION = 3
+VERSION = 4
 """Raised whenever an image of a task changes."""
 SEED = 20
 """Of every task."""
 SAMPLES = 64
-"""Images of a task in a complete run: the first of its test split."""
+"""Images of most tasks in a complete run: the first of its test split."""
 
 _CHARACTERS = {
     "type": "Glyphs", "shape": [28, 28], "disjoint": "character", "test": "569BFMTVWt", "validation": "2KPbq",
@@ -31,6 +34,21 @@ _OTHERS = {
     "type": "Families", "shape": [28, 28], "families": [_CHARACTERS, {"type": "Bars"}, {"type": "Silhouettes"}],
 }  # fmt: skip
 _UNSEEN = {"objects": _CHARACTERS}
+_SEVERAL = {
+    "media_group": 4, "camera": {"pixels_per_grain": 2.0}, "field": {"pixels": {"log_uniform": [24.0, 32.0]}},
+    "objects": {
+        "type": "Families", "shape": [28, 28], "families": [_CHARACTERS, {"type": "Strokes"}, {"type": "Polygons"}],
+    },
+}  # fmt: skip
+"""Four objects through each medium, grains and objects small enough that the four images say what the medium is."""
+FAMILIES = ("Glyphs", "Blobs", "Polygons", "Points", "Bars", "Digits", "Photographs")
+"""Of the task of seven families: characters, islands and rings, shapes, points, gratings, digits, photographs."""
+_SEVEN = {
+    "objects": {
+        "type": "Families", "shape": [28, 28],
+        "families": [{"type": name} | ({"disjoint": "font"} if name == "Glyphs" else {}) for name in FAMILIES],
+    },
+}  # fmt: skip
 
 
 class Task(NamedTuple):
@@ -47,6 +65,12 @@ class Task(NamedTuple):
         Table merged over that.
     fingerprint : str
         SHA-256 of all that decides a pixel.
+    samples : int
+        Images of a complete run.
+    families : tuple of str
+        Names of the families of its objects, where scores are told by family.
+    stored : bool
+        Whether its images come with the package, and are not drawn by its samplers: at no other seed.
     """
 
     name: str
@@ -54,6 +78,9 @@ class Task(NamedTuple):
     base: str
     changes: Mapping[str, Any]
     fingerprint: str
+    samples: int = SAMPLES
+    families: tuple[str, ...] = ()
+    stored: bool = False
 
     def recipe(self) -> HiddenObject:
         """Recipe of the task; its ``train`` and ``validation`` splits are there to learn from.
@@ -64,13 +91,33 @@ class Task(NamedTuple):
             If this build renders other images than those of :data:`VERSION`.
         """
         recipe = _recipe(self.base, json.dumps(self.changes))
-        if recipe.fingerprint() != self.fingerprint:
+        found = waves.digest() if self.stored else recipe.fingerprint()
+        if found != self.fingerprint:
             reject(
-                f"benchmark task {self.name!r}", f"that of version {VERSION}, {self.fingerprint[:12]}",
-                recipe.fingerprint()[:12],
+                f"benchmark task {self.name!r}", f"that of version {VERSION}, {self.fingerprint[:12]}", found[:12],
                 "This build renders other images: use a release of that version, or raise VERSION with the change.",
             )  # fmt: skip
         return recipe
+
+    def count(self, samples: int | None) -> int:
+        """Images of a run of so many a task: all where None, no more than there are, and enough for two media."""
+        if samples is None:
+            return self.samples
+        return min(max(samples, self.changes.get("media_group", 1) + 1), self.samples)
+
+    def batches(self, numbers: Sequence[int], seed: int = SEED) -> Iterator[dict[str, Any]]:
+        """Samples of some numbers, in batches of tensors.
+
+        Raises
+        ------
+        RuleError
+            As :meth:`recipe`.
+        """
+        recipe = self.recipe()
+        if self.stored:
+            yield waves.batch(numbers)
+        else:
+            yield from batches_of(recipe, numbers, seed, "test")
 
 
 @cache
@@ -132,6 +179,23 @@ TASKS = (
         "brownian-slab", _UNSEEN,
         "d910f1ac2364acbcd8502a45db72b530a999ea8254e5685c9ac69804cbef0dfc",
     ),
+    Task(
+        "waves", "drawn by none of the package's samplers: waves from slice to slice through slabs; objects of .25 to "
+        "3 memory-effect ranges, two behind each slab",
+        "through-slab", waves.CHANGES,
+        "06ca7c3bedd8aaa3014acd7a5c4ec0323dde166cbe1c0c9c6200c600ca8ab4e1",
+        waves.SAMPLES, ("Glyphs", "Polygons"), stored=True,
+    ),
+    Task(
+        "several objects", "four objects one after the other through each medium at rest, and which are of one is told",
+        "unknown-slab", _SEVERAL,
+        "45c727dba6425f5bc9d57bbc11271b729cd6c9593e61aadba48a796be5919b73",
+    ),
+    Task(
+        "seven families", "one family of media; all 45 characters in other fonts and six other families of objects",
+        "unknown-slab", _SEVEN,
+        "313da948a2e6f56a2e1a56c09df2ebf0261ae1cd02a97c195bd2903ee520578a", 112, FAMILIES,
+    ),
 )  # fmt: skip
 """The benchmark."""
 
@@ -148,6 +212,11 @@ def task(name: str) -> Task:
         if each.name == name:
             return each
     reject("benchmark task", f"one of {', '.join(each.name for each in TASKS)}", name)
+
+
+def drawn_at(commitment: str) -> list[Task]:
+    """Tasks of a complete run: all, but at a secret seed those that are drawn."""
+    return [each for each in TASKS if not (commitment and each.stored)]
 
 
 def digest(tasks: tuple[Task, ...] = TASKS, seed: int = SEED) -> str:

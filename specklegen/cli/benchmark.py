@@ -29,13 +29,21 @@ def benchmark(
     seconds: Annotated[float, typer.Option(min=1e-3, help="Time that a function may take for 16 images.")] = 600.0,
     gibibytes: Annotated[float, typer.Option(min=1e-3, help="Memory that a function may take.")] = 8.0,
     check: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Score the answers.npz of a run anew, and exit.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Score the answers.npz of a run, or of an entry's JSON, anew, and exit."),
+    ] = None,
+    secret: Annotated[
+        str | None,
+        typer.Option(metavar="WORDS", help="Draw the tasks at a seed that follows from words; results state a digest."),
+    ] = None,
+    table: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Print the table of a folder of entries, and exit.")
     ] = None,
     listed: Annotated[bool, typer.Option("--list", help="List the tasks and exit.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Score reconstruction functions on frozen tasks: unseen media, noise, thin media, motion, beyond the range."""
-    from specklegen.models.judging.tasks import SAMPLES, TASKS, VERSION, task
+    from specklegen.models.judging.tasks import TASKS, VERSION, drawn_at, task
 
     if listed:
         rows = [{"version": VERSION, "task": t.name, "asks": t.asks, "fingerprint": t.fingerprint} for t in TASKS]
@@ -45,10 +53,27 @@ def benchmark(
             for row in rows:
                 typer.echo(f"{row['task']:26s} {row['asks']}")
         return
+    if table is not None:
+        from specklegen.models.judging.entries import read_entries
+        from specklegen.models.judging.entries import table as table_of
+
+        if not (entries := read_entries(table)):
+            reject("benchmark --table", "a folder with entries, *.json", str(table))
+        typer.echo(table_of(entries), nl=False)
+        return
     if check is not None:
+        from specklegen.models.judging.entries import read_entry, require_same
         from specklegen.models.judging.recheck import missing_tasks, recheck, samples_of
 
-        scores = recheck(check)
+        entry = read_entry(check) if check.suffix == ".json" else None
+        if entry is not None:
+            if not entry.answers:
+                typer.echo(f"{entry.name}: as an entry has to be; no answers are given, so that no score is found anew")
+                return
+            check = check.parent / entry.answers
+        scores = recheck(check, secret)
+        if entry is not None:
+            require_same(entry, scores)
         typer.echo(f"mean Pearson correlations, found anew on {samples_of(check)} images a task")
         missing = missing_tasks(check)
         if missing:
@@ -56,20 +81,22 @@ def benchmark(
         for (name, function), score in scores.items():
             typer.echo(f"{name:26s} {function:26s} {score:.3f}")
         return
-    names = [task(name).name for name in tasks] if tasks else [each.name for each in TASKS]
-    own = {text: _function(text) for text in functions or []}
-    if not own and not baselines:
-        reject("benchmark FUNCTION", "at least one without baselines", functions)
-    writable(out)
     from specklegen.models.judging.benchmark import BASELINES
     from specklegen.models.judging.benchmark import benchmark as score
     from specklegen.models.judging.isolation import Limits
 
-    count = samples or SAMPLES
-    with Progress(count * len(names)) as progress:
+    names = [task(name).name for name in tasks] if tasks else [each.name for each in drawn_at(secret or "")]
+    own = {text: _function(text) for text in functions or []}
+    if not own and not baselines:
+        reject("benchmark FUNCTION", "at least one without baselines", functions)
+    writable(out)
+    total = sum(task(name).count(samples) for name in names)
+    with Progress(total) as progress:
         beside = tuple(BASELINES) if baselines else ()
         limits = Limits(seconds=seconds, gibibytes=gibibytes)
-        results = score(own, baselines=beside, tasks=names, samples=count, progress=progress, limits=limits)
+        results = score(
+            own, baselines=beside, tasks=names, samples=samples, progress=progress, limits=limits, secret=secret
+        )
     results.write(out)
     if as_json:
         echo_json(results.rows())

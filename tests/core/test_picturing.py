@@ -21,8 +21,8 @@ import specklegen as sg
 from specklegen import coherence, fdtd, wavetracing
 from specklegen.core.display.plot import Pictured, card, draw_images
 from specklegen.datasets import SpeckleCache, load_recipe
-from specklegen.models.judging.benchmark import Results
 from specklegen.models.judging.evaluation import Evaluation
+from specklegen.models.judging.results import Results
 from specklegen.models.likelihood.common_medium import Joint
 from specklegen.models.likelihood.multiframe import Multiframe
 from specklegen.models.likelihood.wide_field import WideField

@@ -1,0 +1,146 @@
+"""Entries of results/: what a run writes, what is refused, and those of the repository."""
+
+import json
+import re
+
+import pytest
+import torch
+from scenes import ROOT
+from typer.testing import CliRunner
+
+from specklegen.cli import commands
+from specklegen.core.errors import RuleError
+from specklegen.models import benchmark
+from specklegen.models.judging.entries import UNNAMED, entry, read_entries, read_entry, table, write_entry
+from specklegen.models.judging.tasks import TASKS, VERSION
+
+RESULTS = ROOT / "results"
+MARKS = re.compile(r"<!-- results -->\n\n(.*?)\n<!-- end -->", re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def run():
+    return benchmark({"mine": lambda batch: batch["image"][:, 50:78, 50:78]}, tasks=["thin"], samples=3)
+
+
+@pytest.fixture
+def content(run, tmp_path):
+    write_entry(tmp_path / "mine.json", entry(run, "mine", name="of the middle", answers=""))
+    return json.loads((tmp_path / "mine.json").read_text())
+
+
+def test_every_file_of_the_repository_is_an_entry():
+    entries = read_entries(RESULTS)
+    assert len(entries) == len(list(RESULTS.glob("*.json"))) > 0
+    assert len({each.name for each in entries}) == len(entries)
+    assert not any(UNNAMED in (each.by, each.about, each.trained_on) for each in entries)
+    known = {".json", ".npz", ".md"}
+    assert {file.suffix for file in RESULTS.iterdir()} <= known
+
+
+def test_the_page_has_the_table_of_the_folder():
+    """docs/benchmark.md holds what ``specklegen benchmark --table results`` prints, and no other numbers."""
+    shown = CliRunner().invoke(commands.app, ["benchmark", "--table", str(RESULTS)])
+    assert shown.exit_code == 0, shown.output
+    (page,) = MARKS.findall((ROOT / "docs" / "benchmark.md").read_text())
+    assert page == shown.output
+    assert shown.output == table(read_entries(RESULTS))
+
+
+def test_an_entry_says_what_its_run_said(run, content, tmp_path):
+    one = read_entry(tmp_path / "mine.json")
+    assert (one.name, one.version, one.by, one.complete) == ("of the middle", VERSION, UNNAMED, False)
+    scores = content["tasks"]["thin"]
+    assert scores["images"] == 3
+    assert scores["pearson"]["mean"] == pytest.approx(run.interval("mine", "thin").mean, abs=1e-6)
+    assert scores["ssim"]["chance"] == pytest.approx(run.chance("mine", "thin", "ssim"), abs=1e-6)
+    assert f"| {scores['pearson']['mean']:.3f} [3] |" in table([one])
+
+
+def test_a_complete_entry_is_asked_all(content):
+    content["tasks"] = {
+        each.name: content["tasks"]["thin"] | {"digest": each.fingerprint, "images": each.samples}
+        for each in TASKS
+    }
+    from specklegen.models.judging.entries import Entry
+
+    assert Entry(**content).complete
+    assert "not complete" not in table([Entry(**content)])
+    content["tasks"]["thin"]["images"] -= 1
+    assert not Entry(**content).complete
+    del content["tasks"]["waves"]
+    content["tasks"]["thin"]["images"] += 1
+    assert not Entry(**content).complete
+    assert Entry(**content | {"commitment": "0" * 64}).complete  # waves are not drawn at a secret seed
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c: c.pop("about"), r"Entry\.about"),
+        (lambda c: c.update(score=1.0), r"Entry\.score"),
+        (lambda c: c.update(name=""), r"Entry\.name"),
+        (lambda c: c.update(version=VERSION + 1), r"Entry\.version must be at most"),
+        (lambda c: c.update(commitment="abc"), r"Entry\.commitment"),
+        (lambda c: c.update(answers="../mine.npz"), r"Entry\.answers"),
+        (lambda c: c.update(answers="mine.npz"), "a file beside the entry"),
+        (lambda c: c.update(tasks={}), r"Entry\.tasks"),
+        (lambda c: c["tasks"].update(thick=c["tasks"]["thin"]), "one of unseen media"),
+        (lambda c: c["tasks"]["thin"].update(digest="0" * 64), r"digest must be 3e294167bf56"),
+        (lambda c: c["tasks"]["thin"].update(images=65), "2 to 64"),
+        (lambda c: c["tasks"]["thin"].update(images=2, unanswered=3), "2 to 64"),
+        (lambda c: c["tasks"]["thin"]["pearson"].update(mean=2.0), "between low and high"),
+        (lambda c: c["tasks"]["thin"]["psnr"].pop("chance"), "chance"),
+    ],
+)
+def test_what_is_no_entry_is_refused(content, tmp_path, change, said):
+    change(content)
+    (tmp_path / "mine.json").write_text(json.dumps(content))
+    with pytest.raises(RuleError, match=said):
+        read_entry(tmp_path / "mine.json")
+
+
+@pytest.mark.parametrize("text", ["{", "[1]"])
+def test_what_is_no_table_is_refused(tmp_path, text):
+    (tmp_path / "mine.json").write_text(text)
+    with pytest.raises(RuleError, match=r"entry mine\.json must be"):
+        read_entry(tmp_path / "mine.json")
+
+
+def check(file, *words):
+    return CliRunner().invoke(commands.app, ["benchmark", "--check", str(file), *words])
+
+
+def test_answers_of_an_entry_are_checked(run, content, tmp_path):
+    run.write(tmp_path / "out")
+    (tmp_path / "mine.npz").write_bytes((tmp_path / "out" / "answers.npz").read_bytes())
+    (tmp_path / "mine.json").write_text(json.dumps(content))
+    assert "no answers are given" in check(tmp_path / "mine.json").output
+    (tmp_path / "mine.json").write_text(json.dumps(content | {"answers": "mine.npz"}))
+    result = check(tmp_path / "mine.json")
+    assert result.exit_code == 0, result.output
+    assert f"{run.interval('mine', 'thin').mean:.3f}" in result.output
+    content["tasks"]["thin"]["pearson"].update(mean=content["tasks"]["thin"]["pearson"]["high"])  # touched up
+    (tmp_path / "mine.json").write_text(json.dumps(content | {"answers": "mine.npz"}))
+    assert isinstance(error := check(tmp_path / "mine.json").exception, RuleError)
+    assert "must be that of its answers" in str(error)
+
+
+def test_entries_of_a_run_are_files(run, tmp_path):
+    run.write(tmp_path)
+    (one,) = read_entries(tmp_path / "entries")
+    assert one.name == "mine"
+
+
+def test_a_folder_without_entries_has_no_table(tmp_path):
+    result = CliRunner().invoke(commands.app, ["benchmark", "--table", str(tmp_path)])
+    assert "a folder with entries" in str(result.exception)
+
+
+def test_nothing_is_an_entry_of_nothing():
+    even = benchmark({"even": lambda batch: torch.ones(len(batch["object"]), 5, 5)}, tasks=["thin"], samples=2)
+    one = entry(even, "even")
+    assert one.tasks["thin"].pearson.mean == 0
+    assert one.tasks["thin"].unanswered == 0
+    broken = benchmark({"broken": lambda batch: 1 / 0}, tasks=["thin"], samples=2)
+    assert entry(broken, "broken").tasks["thin"].unanswered == 2
