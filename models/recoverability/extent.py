@@ -16,7 +16,15 @@ it, and no grain needs to be known, so that blur does not matter.
 
 An autocovariance falls to 0 as the object's overlap with itself does, so its last lags lie below their scatter. For an
 overlap that falls as (1 - l / D)^2, that of a square along its diagonal, a peak of p scatters reaches 1 scatter at
-l = D (1 - 1 / sqrt(p)): D is what is returned.
+l = D (1 - 1 / sqrt(p)).
+
+That R is the distance up to which lags are worth keeping. Of many points each pair is fainter than its lag's scatter,
+and not worth it; but hundreds of such lags have a mean square that is surely above the scatter's. So the farthest
+annulus is found, outer radius 1.6 times the inner one, whose mean square lies 3.5 standard errors above that. They are
+sqrt(2 / m) for a mean of m squares of Gaussian numbers, m the independent cells of lags in the annulus (each has the
+area sum_k rho(k)^2, rho the correlation of lags, again by Parseval's theorem), and those of the scatter itself, which
+a mean of squares of exponential numbers has told. The diameter is the outer radius of that annulus, or D, whichever
+is larger.
 """
 
 from typing import NamedTuple
@@ -25,6 +33,9 @@ import numpy as np
 
 _FARTHEST = 0.75  # of the frame's shorter side: beyond, few pairs of pixels are left
 _FAINTEST = 2.0  # scatters of a peak below which nothing is said of what lies hidden
+_ANNULUS = 1.6  # outer over inner radius
+_NEAREST, _RADII = 4.0, 40  # pixels, the smallest outer radius; how many of them
+_SURE = 3.5  # standard deviations of a mean square, from which on there is signal
 
 
 class Extent(NamedTuple):
@@ -35,7 +46,7 @@ class Extent(NamedTuple):
     seen : float
         Longest distance at which the autocovariance says more than it errs, pixels.
     whole : float
-        The object's diameter, pixels: with what is hidden below the scatter.
+        The object's diameter, pixels: with what is hidden below the scatter of single lags.
     scatter : float
         Standard deviation of the autocovariance where there is no signal, of a lag with all its pairs.
     """
@@ -47,14 +58,8 @@ class Extent(NamedTuple):
 
 def background(frames: np.ndarray) -> float:
     """Variance of a lag with all its pairs, of frames float64[n, h, w] that are realizations of their own."""
-    count = len(frames)
-    light = frames - frames.mean((1, 2), keepdims=True)
-    power = np.square(np.abs(np.fft.rfft2(light))).mean(0) / frames[0].size
-    fx = np.fft.rfftfreq(frames.shape[2])
-    twice = np.where((fx == 0) | (fx == 0.5), 1.0, 2.0)
-    # Of a mean of n exponential numbers the mean square is (1 + 1 / n) times the square of their mean.
-    square = float((np.square(power) * twice).sum()) / frames[0].size / (1 + 1 / count)
-    return square / (count * frames[0].size)
+    square, _ = _moments(frames)
+    return square / frames.size
 
 
 def find_extent(lags: np.ndarray, frames: np.ndarray, variance: float) -> Extent:
@@ -66,7 +71,42 @@ def find_extent(lags: np.ndarray, frames: np.ndarray, variance: float) -> Extent
     level = max(background(frames), 1e-30)
     inside = distance < _FARTHEST * min(rows, columns)
     order = np.argsort(distance[inside], kind="stable")
-    gain = np.cumsum((np.square(lags) * pairs)[inside][order] - 2 * level)
-    seen = max(1.0, float(distance[inside][order][np.argmax(gain)]))
+    away, squares = distance[inside][order], (np.square(lags) * pairs)[inside][order]
+    total = np.concatenate([[0.0], np.cumsum(squares)])
+    gain = total[1:] - 2 * level * np.arange(1, len(total))
+    seen = max(1.0, float(away[np.argmax(gain)]))
     scatter = float(np.sqrt(level))
-    return Extent(seen, seen / (1 - 1 / np.sqrt(max(variance / scatter, _FAINTEST))), scatter)
+    kept = seen / (1 - 1 / np.sqrt(max(variance / scatter, _FAINTEST)))
+    return Extent(seen, max(kept, _farthest(away, total / level, _cell(frames), frames.size)), scatter)
+
+
+def _farthest(away: np.ndarray, total: np.ndarray, cell: float, pixels: int) -> float:
+    """Outer radius of the farthest annulus with signal, of distances in order and sums of squares before each; or 0."""
+    outer = np.geomspace(_NEAREST, max(float(away[-1]), _NEAREST), _RADII)
+    first, last = np.searchsorted(away, outer / _ANNULUS), np.searchsorted(away, outer)
+    number = np.maximum(last - first, 1)
+    above = (total[last] - total[first]) / number - 1
+    # Lags l and -l are one; and x^2 / 2 of an exponential number x of mean 1 has the variance 5.
+    error = np.sqrt(4 * cell / number + 10 * cell / pixels)
+    signal = above > _SURE * error
+    return float(outer[signal].max(initial=0.0))
+
+
+def _cell(frames: np.ndarray) -> float:
+    """How many lags count for one."""
+    square, fourth = _moments(frames)
+    return max(1.0, fourth / max(square**2, 1e-300))
+
+
+def _moments(frames: np.ndarray) -> tuple[float, float]:
+    """Means over all frequencies of the second and fourth power of the spectrum, of frames float64[n, h, w]."""
+    light = frames - frames.mean((1, 2), keepdims=True)
+    power = np.square(np.abs(np.fft.rfft2(light))).mean(0) / frames[0].size
+    fx = np.fft.rfftfreq(frames.shape[2])
+    twice = np.where((fx == 0) | (fx == 0.5), 1.0, 2.0)
+    # Of a mean of n exponential numbers of mean S, E x^k is S^k times the product of 1 + j / n over j < k.
+    square, fourth = (
+        float((power**k * twice).sum()) / frames[0].size / float(np.prod(1 + np.arange(k) / len(frames)))
+        for k in (2, 4)
+    )
+    return square, fourth

@@ -76,6 +76,39 @@ def test_lags_beyond_an_object_scatter_as_foretold():
         assert_mean(2 * np.array(ratios), 1.0, slack=0.1)
 
 
+def farthest(seed, excess, reach=40.0):
+    """Of lags drawn as independent Gaussian numbers over their scatter, of more variance up to a reach; and Stein's."""
+    steps = np.arange(-90, 91)
+    away = np.sort(np.hypot(steps[:, None], steps).ravel())
+    away = away[away < 90]
+    squares = np.random.default_rng([33, seed]).chisquare(1, away.size) * (1 + excess * (away < reach))
+    total = np.concatenate([[0.0], np.cumsum(squares)])
+    stein = away[np.argmax(total[1:] - 2 * np.arange(1, len(total)))]
+    return extent._farthest(away, total, 0.5, 10**9), stein
+
+
+def test_what_is_too_faint_lag_by_lag_is_seen_in_its_annulus():
+    """Signal of .4 of the scatter: no lag is worth keeping, but annuli that end up to 1.6 times as far away hold it."""
+    found, alone = np.median([farthest(seed, 0.4) for seed in range(20)], 0)
+    assert 40 < found <= 40 * extent._ANNULUS
+    assert alone < 10
+
+
+def test_scatter_alone_has_no_annulus_with_signal():
+    """Of 50 draws at most 6: that one of about ten independent annuli is above 3.5 errors has 1 in 50; alarm 1e-4."""
+    assert sum(farthest(seed, 0.0)[0] > 0 for seed in range(50)) <= 6
+
+
+def test_cells_of_lags_are_counted_by_the_spectrum():
+    """Of white noise each lag is one; of a band of a quarter of all frequencies each cell has four."""
+    white = 1 + 0.1 * np.random.default_rng(34).normal(size=(12, SIDE, SIDE))
+    f = np.fft.fftfreq(SIDE)
+    inside = (np.abs(f[:, None]) < 0.25) & (np.abs(f) < 0.25)
+    band = 1 + np.fft.ifft2(np.fft.fft2(white - 1) * inside).real
+    assert extent._cell(white) == pytest.approx(1.0, rel=0.05)
+    assert extent._cell(band) == pytest.approx(SIDE**2 / inside.sum(), rel=0.05)
+
+
 def test_noise_alone_has_no_extent():
     """And one grain is not taken for more than three."""
     for seed in range(12):
