@@ -213,9 +213,9 @@ def _transforms(
 ) -> Transforms:
     """Transforms float32[1, ...] of one layout; media that are seen alike share them."""
     rows, columns = band(camera, grain)
-    cycles = [each.double().numpy() / n for each, n in zip((rows, columns), camera, strict=True)]
+    down, across = rows.double().numpy() / camera[0], columns.double().numpy() / camera[1]
     one = transforms(
-        *cycles, camera, objects, torch.tensor([step], dtype=torch.float64), torch.tensor([grain], dtype=torch.float64),
-        profile, pixel,
+        down, across, camera, objects, torch.tensor([step], dtype=torch.float64),
+        torch.tensor([grain], dtype=torch.float64), profile, pixel,
     )  # fmt: skip
     return Transforms(*(each.float() for each in one))
