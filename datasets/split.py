@@ -50,6 +50,7 @@ class Purpose(IntEnum):
     BENCH = 19
     BENCH_OF_MEDIUM = 20
     UNEVENNESS = 21
+    PERIODOGRAM = 22
 
 
 def split_number(split: str) -> int:

@@ -8,6 +8,7 @@ does not tell it). That takes scale out of the problem, and averages over pixels
 
 import math
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Any
 
 import torch
@@ -17,6 +18,8 @@ from torch import Tensor
 from specklegen.core.errors import reject
 from specklegen.models.learning.exposures import exposures_input
 from specklegen.models.learning.local_contrast import local_contrast_input
+from specklegen.models.likelihood.likelihood import BAND, lag_transforms
+from specklegen.models.likelihood.spectrum import Transforms
 from specklegen.models.retrieval.autocorrelation import lag_means
 from specklegen.models.retrieval.camera_noise import READABLE, camera_noise
 
@@ -216,13 +219,74 @@ def registered_and_power_input(batch: Mapping[str, Any]) -> Tensor:
     return torch.cat([registered_input(batch), power.log10()[:, None].float()], dim=1)
 
 
+def band(shape: tuple[int, int], grain: float) -> tuple[Tensor, Tensor]:
+    """Frequencies of a camera that a grain of so many pixels leaves, as whole numbers int64[F] and int64[G].
+
+    Of the columns those from 0 on, of both axes those up to :data:`BAND` cycles a grain and below Nyquist's.
+    """
+    rows, columns = (min(int(BAND / grain * n), (n - 1) // 2) for n in shape)
+    return torch.arange(-rows, rows + 1), torch.arange(columns + 1)
+
+
+def banded_lags(power: Tensor, shape: tuple[int, int], grain: float, step: float) -> Tensor:
+    """Lags float32[LAGS, LAGS], the zero lag in the middle and 1, of one periodogram float[F, G], its noise taken off.
+
+    Parameters
+    ----------
+    power
+        At the frequencies of :func:`band`; f = 0, which an image's mean takes, is left out.
+    shape
+        Of the camera.
+    grain, step
+        Camera pixels in a grain, and in an object pixel.
+    """
+    counted, turns = _banded(shape, grain, step)
+    lags = turns.back((power * counted)[None])[0]
+    return torch.fft.fftshift(lags / lags[0, 0].clamp_min(torch.finfo(lags.dtype).tiny))
+
+
+@lru_cache(maxsize=64)
+def _banded(shape: tuple[int, int], grain: float, step: float) -> tuple[Tensor, Transforms]:
+    """Frequencies that count, of two opposite ones one, float32[F, G], and transforms to lags."""
+    rows, columns = band(shape, grain)
+    counted = (columns > 0) | (rows > 0)[:, None]
+    cycles = rows.double() / shape[0], columns.double() / shape[1]
+    return counted.float(), lag_transforms(cycles, shape, torch.tensor([step], dtype=torch.float32), LAGS)
+
+
+def periodogram_input(batch: Mapping[str, Any]) -> Tensor:
+    """Channels float[B, 2, LAGS, LAGS]: lags of the periodogram within the window's band, and the scale.
+
+    They are those of one image a sample, its noise taken off, or "lags" that a law has drawn (:mod:`law`). Sample by
+    sample, so that companions do not change the last bits.
+    """
+    drawn = batch["parameters"]
+    if "lags" not in batch and ("image" not in batch or not {*_OPTICS, "object_pitch"} <= drawn.keys()):
+        reject("batch", 'one with "image" of a hidden object, or "lags"', sorted(batch),
+               "Such as those of unknown-slab.")  # fmt: skip
+    step = steps_of(batch)
+    if "lags" in batch:
+        return _with_scale(batch["lags"], step.float())
+    images = batch["image"].float()
+    shape, noise = (images.shape[1], images.shape[2]), noise_of(images, drawn)
+    grains = (drawn["wavelength"] / drawn["width"] / drawn["camera_pitch"]).tolist()
+    lags = []
+    for n, grain in enumerate(grains):
+        rows, columns = band(shape, grain)
+        power = torch.fft.rfft2(images[n])[rows % shape[0]][:, columns].abs().square() / (shape[0] * shape[1])
+        level = 0.0 if noise is None else noise[n].to(power)
+        lags.append(banded_lags(power - level, shape, grain, float(step[n])))
+    return _with_scale(torch.stack(lags), step.float())
+
+
 FEATURES: dict[str, Callable[[Mapping[str, Any]], Tensor]] = {
+    "periodogram": periodogram_input,
     "registered": registered_input,
     "registered+power": registered_and_power_input,
     "exposures": exposures_input,
     "local-contrast": local_contrast_input,
 }
-"""Name to function of a batch of stacks, float[B, F], or of maps float[B, C, H, W]."""
+"""Name to function of a batch: of stacks, float[B, F], or pictures or maps float[B, C, H, W]."""
 
 
 def steps_of(batch: Mapping[str, Any]) -> Tensor:
@@ -235,7 +299,7 @@ def network_input(batch: Mapping[str, Any], kind: str) -> Tensor:
 
     Returns
     -------
-    float[B, 2, H, W], or float[B, T, 2, H, W] for recipes with "stack" or "frames"; of :data:`FEATURES` float[B, F].
+    float[B, 2, H, W], or float[B, T, 2, H, W] for recipes with "stack" or "frames"; of :data:`FEATURES` as they say.
 
     Raises
     ------

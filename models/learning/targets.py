@@ -159,6 +159,7 @@ TARGETS: dict[str, Target] = {
     "object": Target(objects_of, None, torch.sigmoid, likeness, "pearson"),
     "label": Target(labels_of, cross_entropy_of_classes, lambda logits: logits.softmax(-1), accuracy, "accuracy"),
     "material": _of_numbers(MATERIAL),
+    "range": _of_numbers({"memory_effect_range": MATERIAL["memory_effect_range"]}),
     "motion": _of_numbers(MOTION),
     "contrast": Target(maps_of, functional.mse_loss, lambda told: told, map_determination, "r2", False, read=apart),
 }

@@ -46,12 +46,13 @@ class Training(Value):
     Parameters
     ----------
     target
-        What it is to tell: the "object", its "label" (a class), the "material" (range, thickness, optical depth, g), or
-        the "motion" (tau0, share of the light at rest), or the map of its "contrast".
+        What it is to tell: the "object", its "label" (a class), the memory-effect "range", the "material" (range,
+        thickness, optical depth, g), or the "motion" (tau0, share of the light at rest), or the map of its "contrast".
     input
-        What the network sees: "autocorrelation" or "camera"; of stacks of tilts "registered", how their speckle
-        decorrelates, or "registered+power", with the transmitted power; of exposures "exposures", their
-        contrasts, or "local-contrast", maps of them.
+        What the network sees: "autocorrelation", "camera" or "periodogram", the autocorrelation from the window's
+        frequencies alone, which a law draws (:class:`specklegen.models.learning.law.ByLaw`); of stacks of tilts
+        "registered", how their speckle decorrelates, or "registered+power", with the transmitted power; of exposures
+        "exposures", their contrasts, or "local-contrast", maps of them.
     network
         "residual" (for autocorrelations), "unet", "stack-unet" (for recipes with several images a sample), "dense",
         "perceptron" (for stacks of tilts or exposures) or "contrast" (for maps); or one of your own

@@ -35,7 +35,7 @@ BAND = 0.92
 """Frequencies used, over the highest that the window passes along an axis."""
 PASSED = 0.005
 """Smallest transfer function of the window at a frequency that is used."""
-_LEAST = 1e-9  # of the peak of an object's own spectrum: below is rounding
+LEAST = 1e-9  # of the peak of an object's own spectrum: below is rounding
 _STEPS = 6  # of Fisher's scoring for the brightness
 
 
@@ -211,7 +211,7 @@ class SpeckleLikelihood(nn.Module):
     def of_lags(self, lags: Tensor) -> Tensor:
         """S without noise, float[B, ..., F, G], of what pairs of pixels add, R C: float[B, ..., 2 h - 1, 2 w - 1]."""
         spectrum = Transforms(self.rows, self.columns)(lags)
-        return torch.maximum(spectrum, _LEAST * spectrum.detach().amax((-2, -1), keepdim=True))
+        return torch.maximum(spectrum, LEAST * spectrum.detach().amax((-2, -1), keepdim=True))
 
     def spectrum(self, objects: Tensor, memory_effect: Tensor | None = None) -> Tensor:
         """S with the brightness that fits best, and noise, float[B, ..., F, G]: what the periodogram should be."""
@@ -265,13 +265,8 @@ class SpeckleLikelihood(nn.Module):
         Noise is taken off, and what is no frequency of the likelihood is left out, the background with it; every lag is
         divided by the share of pixel pairs that it has, where that is at least a tenth.
         """
-        steps = torch.fft.fftfreq(size, 1 / size).double()
-        turns = [waves(f.numpy(), steps.numpy(), self.step) for f in (self.down, self.across)]
         power = torch.where(self.used, self.power - self.noise[:, None, None], 0.0)
-        correlation = 2 * Transforms(*turns).back(power) / (self.tile[0] * self.tile[1])
-        reach = steps.to(correlation).abs() * self.step[:, None]
-        pairs = [(1 - reach / n).clamp_min(0.1) for n in self.tile]
-        return correlation / (pairs[0][:, :, None] * pairs[1][:, None])
+        return lag_transforms((self.down, self.across), self.tile, self.step, size).back(power)
 
     def lag_variance(self) -> Tensor:
         """Variance of a lag (Bartlett), float[B]; see :func:`specklegen.models.retrieval.wiener.lag_variance`."""
@@ -303,6 +298,32 @@ class SpeckleLikelihood(nn.Module):
         """Logarithm of the likelihood, less that of an S equal to the periodogram; float[B, ...], at most 0."""
         deviance = self(objects, memory_effect)
         return -self.looks * self.frequencies.reshape(-1, *[1] * (deviance.ndim - 1)) * deviance
+
+
+def lag_transforms(frequencies: tuple[Tensor, Tensor], tile: tuple[int, int], step: Tensor, size: int) -> Transforms:
+    """Transforms whose ``back`` turns periodograms float[B, F, G] into lags float[B, n, n] of an object's pixels.
+
+    Of two opposite frequencies a periodogram holds one, and 0 at the other. The zero lag is the first; lags are divided
+    by the share of pixel pairs that they have, where that is at least a tenth.
+
+    Parameters
+    ----------
+    frequencies
+        Cycles a pixel along columns, float64[F], and along rows, float64[G].
+    tile
+        Pixels (M, N).
+    step
+        Pixels between those of the object, float[B].
+    size
+        n.
+    """
+    steps = torch.fft.fftfreq(size, 1 / size).double()
+    reach = steps.to(step).abs() * step[:, None]
+    sides = []
+    for each, pixels, both in zip(frequencies, tile, (2.0, 1.0), strict=True):
+        pairs = (1 - reach / pixels).clamp_min(0.1)
+        sides.append(waves(each.numpy(), steps.numpy(), step) * (both / pixels / pairs)[:, None, None, None])
+    return Transforms(*sides)
 
 
 def each_of(field: str, value: float | Tensor, count: int, dtype: torch.dtype) -> Tensor:

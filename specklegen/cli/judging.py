@@ -129,7 +129,7 @@ def evaluate(
 
 _BENCHMARKS = {
     "object": "one-angular-size", "label": "characters-of-new-fonts", "material": "registered-tilts",
-    "motion": "lsci-slab", "contrast": "flow-vessel",
+    "motion": "lsci-slab", "contrast": "flow-vessel", "range": "characters-of-new-fonts",
 }  # fmt: skip
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from specklegen.datasets import SpeckleCache
     from specklegen.datasets.recipes.recipe import Recipe
+    from specklegen.datasets.sample_schema import Renderable
     from specklegen.models.judging.beside import Beside
     from specklegen.models.learning.examples import Examples
     from specklegen.models.learning.reconstructor import Reconstructor
@@ -52,13 +53,13 @@ def train(
         ),
     ] = None,
     target: Annotated[
-        str, typer.Option(help="What the network is to tell: object, label, material, motion or contrast.")
+        str, typer.Option(help="What the network is to tell: object, label, range, material, motion or contrast.")
     ] = "object",
     input: Annotated[
         str,
         typer.Option(
-            help="What the network sees: camera or autocorrelation; of stacks of tilts registered or registered+power; "
-            "of exposures exposures, or, of a surface, local-contrast."
+            help="What the network sees: camera, autocorrelation or periodogram; of stacks of tilts registered or "
+            "registered+power; of exposures exposures, or, of a surface, local-contrast."
         ),
     ] = "autocorrelation",
     network: Annotated[
@@ -84,6 +85,13 @@ def train(
         float | None, typer.Option(help="Time to spend by the clock, everything included (by default: all epochs).")
     ] = None,
     mirror: Annotated[bool, typer.Option(help="Show half of the samples mirrored.")] = False,
+    law: Annotated[
+        bool,
+        typer.Option(
+            "--law", help="Draw training samples from the law of images instead of rendering them: of recipes with one "
+            "image of a hidden object, with --input periodogram. Validation images are rendered.",
+        ),
+    ] = False,
     workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes that render a stream.")] = 0,
     media_group: Annotated[
         int, typer.Option(min=1, help="Samples of a stream that share a medium, where each has one of its own.")
@@ -99,6 +107,10 @@ def train(
     Checkpoint, log and curves lie in the folder of the run, and are renewed while it goes on. At its beginning and end
     a table says how the network does on validation images beside methods that learn nothing (summary.md). Of
     --seconds preparation, table and last validation are a part; where they take long, validation images are fewer.
+
+    Where a sample takes long to render, draw the training set from the law of images:
+    specklegen train characters-of-new-fonts --law --input periodogram --target label --network residual --width 26
+    --learning-rate 1e-3 --out runs/label
     """
     begun = time.perf_counter()
     typer.echo(f"train {what}: a network is made ready and validation images are rendered; then the first table.")
@@ -120,7 +132,7 @@ def train(
     if is_store(what):
         if validation is None:
             reject("train --validation", "given with a store", validation, "Generate one with --split validation.")
-        for option, given in (("--set", changes), ("--images", images), ("--objects", objects)):
+        for option, given in (("--set", changes), ("--images", images), ("--objects", objects), ("--law", law)):
             if given:
                 reject(f"train {option}", "left out with a store, which has its recipe", given)
         material = _of_stores(Path(what), validation, settings)
@@ -129,7 +141,10 @@ def train(
             reject("train --validation", "left out with a recipe, whose validation split is used", str(validation))
         recipe = (load_hidden if settings.of_objects else load)(what, changes, images, objects)
         until = None if seconds is None else begun + _PREPARING * seconds
-        material = _of_recipe(recipe, settings, out, validation_samples, until, workers, media_group)
+        if law and settings.input != "periodogram":
+            reject("train --input", "periodogram with --law, which draws nothing else", settings.input)
+        shown = _shown(recipe, media_group, law)
+        material = _of_recipe(recipe, shown, settings, out, validation_samples, until, workers)
     few = min(_TABLED, len(material.held_out.targets))
     beside = Beside(
         batches_of(material.source, few, seed, "validation", _TABLED // 8),
@@ -190,18 +205,27 @@ def _of_stores(folder: Path, validation: Path, settings: "Training") -> _Materia
     return _Material(data, held_out, judged, None, about)
 
 
+def _shown(recipe: "Recipe", media_group: int, law: bool) -> "Renderable":
+    """What is trained on: the recipe with shared media, rendered or drawn by the law of its images."""
+    from specklegen.models.learning.examples import sharing_media
+    from specklegen.models.learning.law import ByLaw
+
+    shown = sharing_media(recipe, media_group)
+    return ByLaw(shown) if law else shown  # type: ignore[arg-type]
+
+
 def _of_recipe(
-    recipe: "Recipe", settings: "Training", out: Path, asked: int, until: float | None, workers: int, media_group: int
-) -> _Material:
-    """Stream a recipe's training split, and render its validation images: as many as asked for, or until a time.
+    recipe: "Recipe", shown: "Renderable", settings: "Training", out: Path, asked: int, until: float | None,
+    workers: int,
+) -> _Material:  # fmt: skip
+    """Stream what is shown for training, and render validation images: as many as asked for, or until a time.
 
     A run that goes on has as many of them as before.
     """
     from specklegen.datasets import SpeckleStream
-    from specklegen.models.learning.examples import examples, sharing_media, streamed
+    from specklegen.models.learning.examples import examples, streamed
 
     seed, target = settings.seed, settings.target
-    shown = sharing_media(recipe, media_group)
     data = streamed(SpeckleStream(shown, seed=seed, batch_size=settings.batch_size), settings.input, workers, target)
     before = rendered_before(out, asked)
     held_out = examples(

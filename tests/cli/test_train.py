@@ -45,3 +45,15 @@ def test_it_starts_from_a_model(tmp_path):
     assert json.loads((tmp_path / "second" / "run.json").read_text())["training"]["width"] == 4
     refused = CliRunner().invoke(commands.app, [*words, "--network", "residual"])
     assert "train --network must be that of the model to start from (unet), or left out" in str(refused.exception)
+
+
+def test_it_trains_on_samples_drawn_by_the_law(tmp_path):
+    """The run says so in its record; another input is refused before anything is drawn."""
+    common = ["train", "through-slab", *CHANGES, "--law", "--epochs", "1", "--batch-size", "16", "--width", "4",
+              "--validation-samples", "4", "--seconds", "50", "--out", str(tmp_path / "run")]  # fmt: skip
+    found = CliRunner().invoke(commands.app, [*common, "--input", "periodogram"])
+    assert found.exit_code == 0, found.output
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["data"]["recipe"]["drawn_by"] == "law"
+    assert "| network |" in (tmp_path / "run" / "summary.md").read_text()
+    refused = CliRunner().invoke(commands.app, common)
+    assert "train --input must be periodogram with --law" in str(refused.exception)

@@ -20,7 +20,7 @@ from torch import nn
 from specklegen.core.content import content_digest, is_own
 from specklegen.core.registry import Registry
 
-PICTURES = ("autocorrelation", "camera")
+PICTURES = ("autocorrelation", "periodogram", "camera")
 """Inputs that are pictures float[B, 2, H, W]."""
 
 

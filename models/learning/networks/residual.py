@@ -23,7 +23,9 @@ class ResidualBlock(nn.Module):
         return x + self.narrow(nn.functional.gelu(self.widen(self.norm(x))))
 
 
-class ResidualNet(Network, name="residual", inputs=("autocorrelation",), targets=("object", "label")):
+class ResidualNet(
+    Network, name="residual", inputs=("autocorrelation", "periodogram"), targets=("object", "label", "range")
+):
     """Residual blocks of dense layers, for autocorrelations: no lag is nearer to a pixel than another.
 
     What goes in are the lags shorter than the object, of two opposite ones one; the same of the image of zero phases

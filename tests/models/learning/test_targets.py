@@ -120,7 +120,7 @@ def test_labels_are_learned_from_a_stream_and_told(tmp_path):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"input": "registered"}, r"Training\.input must be one of autocorrelation, camera .*perceptron"),
+        ({"input": "registered"}, r"Training\.input must be one of autocorrelation, periodogram, camera .*perceptron"),
         ({"network": "perceptron"}, r"Training\.input must be one of registered"),
         ({"target": "label"}, r"Training\.target must be one of object .*dense, residual"),
         ({"target": "material"}, r"Training\.target must be one of object .*perceptron"),
