@@ -5,8 +5,9 @@ tilts to 3 half ranges, +- .01, and the transmittance, +- 2 %. A profile interva
 with the truth held, has risen by less than its quantile. Wilson's limits are those of 99 %.
 
     python scripts/material_coverage.py sphere --benches 30
-    python scripts/material_coverage.py exact --benches 100 --workers 16     # truths of the tables themselves
-    python scripts/material_coverage.py told --out coverage.csv              # what a table of those says
+    python scripts/material_coverage.py exact --benches 100 --workers 16 --out first.csv     # truths of the tables
+    python scripts/material_coverage.py exact --first 100 --benches 100 --out second.csv     # a hundred others
+    python scripts/material_coverage.py told first.csv second.csv                            # what they say together
 
 does it. Truths of six million paths gave for thickness, mean free path and g, where 68 % intervals should hold .68, and
 95 % ones .95 (100 benches of the first, 40 of the others):
@@ -22,6 +23,7 @@ be held in .37. The benches of a material share its truth, and so are not indepe
 
 import argparse
 import csv
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -101,19 +103,18 @@ def one(task: tuple[str, int]) -> list:
     return [name, number, *(f"{value:.4f}" for value in [*at, *ends, fit.p_value])]
 
 
-def run(out: Path, count: int, workers: int, seconds: float) -> None:
+def run(out: Path, numbers: range, workers: int, seconds: float) -> None:
     """Write the table of exact truths, a line as soon as it is there, until the time is over; print what it says."""
     from _rows import write_rows  # tests read this file from elsewhere
 
     one(("OD 5, g .9", 0))
-    write_rows(one, [(name, number) for number in range(count) for name in MATERIALS], out, workers, seconds)
-    print(told(out))
+    write_rows(one, [(name, number) for number in numbers for name in MATERIALS], out, workers, seconds)
+    print(told([out]))
 
 
-def told(file: Path) -> str:
-    """What a table of exact truths says."""
-    with file.open() as read:
-        rows = list(csv.reader(read))
+def told(files: Iterable[Path]) -> str:
+    """What tables of exact truths say together; a bench that stands in two of them counts once."""
+    rows = [*{tuple(row[:2]): row for file in files for row in csv.reader(file.read_text().splitlines())}.values()]
     lines = []
     for name in [*MATERIALS, ""]:
         own = np.array([[float(x) for x in row[2:]] for row in rows if name in ("", row[0])])
@@ -208,16 +209,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("sphere", "alone", "wrong", "exact", "told"),
                         help="C_I and T, C_I alone, wrong models, or truths of the tables")  # fmt: skip
+    parser.add_argument("files", nargs="*", type=Path, help="tables that `told` reads")
     parser.add_argument("--benches", type=int, default=100, help="of each material")
+    parser.add_argument("--first", type=int, default=0, help="number of the first bench of each material")
     parser.add_argument("--paths", type=int, default=TRUTH)
     parser.add_argument("--out", type=Path, default=Path("coverage.csv"))
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=1e9)
     arguments = parser.parse_args()
     if arguments.what == "exact":
-        run(arguments.out, arguments.benches, arguments.workers, arguments.seconds)
+        numbers = range(arguments.first, arguments.first + arguments.benches)
+        run(arguments.out, numbers, arguments.workers, arguments.seconds)
     elif arguments.what == "told":
-        print(told(arguments.out))
+        print(told(arguments.files or [arguments.out]))
     elif arguments.what == "wrong":
         wrong_models(arguments.benches, arguments.paths)
     else:

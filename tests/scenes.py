@@ -1,6 +1,9 @@
 """Where the tests find things, and the slabs and scenes that many of them share."""
 
+import sys
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -36,3 +39,13 @@ def flat_box(lights, sensor, *, half=10.0, mean_free_path=10.0, scatterer=ISOTRO
 
 def views(degrees):
     return sg.FarField.angles(np.deg2rad(np.asarray(degrees, float)))
+
+
+def of_the_figures(name: str) -> ModuleType:
+    """Import a file of ``scripts/figures``, whose neighbours import one another by their bare names."""
+    figures = str(ROOT / "scripts" / "figures")
+    sys.path.insert(0, figures)
+    try:
+        return import_module(name)
+    finally:
+        sys.path.remove(figures)

@@ -1,31 +1,21 @@
 """What scripts/figures/why.py trains networks on, by closed forms and by waves, and how it counts."""
 
-import sys
 from itertools import count, islice
 
 import numpy as np
 import pytest
-from scenes import ROOT
+from scenes import of_the_figures
 from zscore import assert_mean, assert_z
-
-FIGURES = ROOT / "scripts" / "figures"
 
 
 @pytest.fixture(scope="module")
 def why():
-    sys.path.insert(0, str(FIGURES))
-    try:
-        import why
-    finally:
-        sys.path.remove(str(FIGURES))
-    return why
+    return of_the_figures("why")
 
 
 @pytest.fixture(scope="module")
-def images(why):
-    import _why
-
-    return _why
+def images():
+    return of_the_figures("_why")
 
 
 def covariance(patterns, along):

@@ -22,6 +22,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 from _command import run
+from _saving import save
 from torch import Tensor
 
 from specklegen.datasets import load_recipe
@@ -191,10 +192,7 @@ def draw(out: Path, rows: dict[Condition, Row]) -> None:
     axes.set_xticks(at, names, fontsize=8)
     axes.set_ylabel("correlation with the object")
     axes.legend(fontsize=8, loc="lower left")
-    figure.tight_layout()
-    out.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out / "bound.png", dpi=80)
-    plt.close(figure)
+    save(figure, out / "bound.png")
 
 
 def main(out: Path, quick: bool) -> None:

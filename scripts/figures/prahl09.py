@@ -17,6 +17,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from _command import run
+from _saving import save
 
 from specklegen.coherence.cross_spectral_density import (
     gaussian_schell_model,
@@ -80,13 +81,6 @@ def expectation(subdivision=8):
     return G.reshape(PIXELS, subdivision, ELEMENTS, subdivision).mean(axis=(1, 3))
 
 
-def save(figure, out, number):
-    """Write one figure, small enough for a repository."""
-    figure.tight_layout()
-    figure.savefig(out / f"figure-{number}.png", dpi=72, pil_kwargs={"optimize": True})
-    plt.close(figure)
-
-
 def draw_source(out, quick):
     """Figure 2: degree of coherence of sampled sources, Karhunen-Loeve and copula, against the model."""
     n = 64**2 if quick else 256**2
@@ -102,7 +96,7 @@ def draw_source(out, quick):
         panel.set(title=f"{method}, {n} realizations", xlabel="x'/a")
     panels[0].set_ylabel("$W_0(0, x')$")
     panels[1].legend(fontsize=8)
-    save(figure, out, 2)
+    save(figure, out / "figure-2.png", dpi=72)
 
 
 def draw_greens_function(out, quick):
@@ -123,7 +117,7 @@ def draw_greens_function(out, quick):
         phase.set_xlabel("x'/a")
     panels[0, 0].set_ylabel("|G|, x ($\\lambda$)")
     panels[1, 0].set_ylabel("arg G, x ($\\lambda$)")
-    save(figure, out, 3)
+    save(figure, out / "figure-3.png", dpi=72)
 
 
 def draw_profiles(out, quick):
@@ -147,7 +141,7 @@ def draw_profiles(out, quick):
         ax_degree.set(xlabel=f"{label} ($\\lambda$)", ylabel="|$\\mu$(0, ·)|", ylim=(0, 1.02))
         for figure, panel, number in ((density, ax_density, first), (degree, ax_degree, first + 1)):
             panel.legend(fontsize=7)
-            save(figure, out, number)
+            save(figure, out / f"figure-{number}.png", dpi=72)
 
 
 def profile_rows(focus, axis, places):
@@ -178,7 +172,7 @@ def draw_measurement_function(out):
     panels[0].set(xlabel="x ($\\lambda$)", ylabel="change of S/S(0)")
     panels[1].set(xlabel="x ($\\lambda$)", ylabel="change of $\\mu$(0, x)")
     panels[0].legend(fontsize=7)
-    save(figure, out, 8)
+    save(figure, out / "figure-8.png", dpi=72)
     return rows
 
 
@@ -225,7 +219,7 @@ def draw_errors(out, rows):
     ax_clock.set(xlabel="CPU seconds, one thread", ylabel="error")
     for figure, panel, number in ((rays, ax_rays, 9), (clock, ax_clock, 11)):
         panel.legend(fontsize=6)
-        save(figure, out, number)
+        save(figure, out / f"figure-{number}.png", dpi=72)
 
 
 def draw_realizations(out, quick):
@@ -256,7 +250,7 @@ def draw_realizations(out, quick):
         rows.append((sigma, theory, *constants))
     panel.set(xlabel="realizations", ylabel="rms error of S/S(0)")
     panel.legend(fontsize=7)
-    save(figure, out, 10)
+    save(figure, out / "figure-10.png", dpi=72)
     return rows
 
 

@@ -20,6 +20,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _command import run
 from _coverage_scenes import PLACES, forty_blocks
+from _saving import save
 from scipy.stats import norm
 
 from specklegen.core.errors import DoubtWarning
@@ -65,13 +66,6 @@ def table(title, head, rows):
 def gap(a, b):
     """Relative l2 distance."""
     return float(np.linalg.norm(np.subtract(a, b)) / np.linalg.norm(b))
-
-
-def save(figure, out, name):
-    """Write one figure, small enough for a repository."""
-    figure.tight_layout()
-    figure.savefig(out / f"steinberg-{name}.png", dpi=72, pil_kwargs={"optimize": True})
-    plt.close(figure)
 
 
 def rectangle(width, height, x=0.0):
@@ -124,7 +118,7 @@ def slit_methods(out, quick):  # noqa: ARG001
         panel.plot(drawn[0], values, style, label=name)
     panel.set(xlabel="x / λ", ylabel="|u|²", title="soft slit of 10 λ, Z = 50 λ")
     panel.legend()
-    save(figure, out, "slit")
+    save(figure, out / "steinberg-slit.png", dpi=72)
 
 
 def strips(parts, material=ABSORBER) -> Geometry:
@@ -173,7 +167,7 @@ def two_stages(out, quick):
         panel.set(ylabel=f"|u|², scene {name}")
     panels[1].set(xlabel="x / λ")
     panels[0].legend(fontsize=7)
-    save(figure, out, "two-stages")
+    save(figure, out / "steinberg-two-stages.png", dpi=72)
     head = ["scene", "one edge", "two edges", "the reflector's wave added as an intensity", "the same, over 5 λ",
             "beams, 4e6", "beams, over 5 λ", "their noise"]  # fmt: skip
     table("Two slits and a reflector: l2 of |u|² at y = 150", head, rows)
@@ -207,7 +201,7 @@ def cost(out, quick):
         panel.minorticks_off()
         panel.set(xlabel="strip / λ", ylabel=label)
     panels[0].legend()
-    save(figure, out, "cost")
+    save(figure, out / "steinberg-cost.png", dpi=72)
 
 
 def energy(out, quick):
@@ -232,7 +226,7 @@ def energy(out, quick):
         panel.plot([row[0] for row in rows], [float(row[column].split()[0]) for row in rows], "o", label=name)
     panel.set(xlabel="deviation of a beam / λ", ylabel="power over that of rays")
     panel.legend()
-    save(figure, out, "energy")
+    save(figure, out / "steinberg-energy.png", dpi=72)
 
 
 def rim_values(z, plane):
@@ -289,7 +283,7 @@ def convergence(out, quick):
     panels[1].loglog([float(row[0]) for row in rows], [row[2] for row in rows], "s--", label="biased")
     panels[1].set(xlabel="rays a point", title="bilinear, two slits")
     panels[1].legend()
-    save(figure, out, "convergence")
+    save(figure, out / "steinberg-convergence.png", dpi=72)
     table("Two slits of 5, 14 apart, Z = 500: bilinear intensity, l2 over 241 points",
           ["rays a point", "unbiased", "biased", "negative"], rows)  # fmt: skip
 
@@ -379,7 +373,7 @@ def maps(out, quick):
                     panel.set(xlim=extent[:2], ylim=extent[2:])
                     panel.set_title(f"{name}, {frequency / 1e9:g} GHz: {what}", fontsize=9)
                     figure.colorbar(drawn, ax=panel, shrink=0.7)
-    save(figure, out, "coverage")
+    save(figure, out / "steinberg-coverage.png", dpi=72)
     table(
         f"Coverage, {beams} beams and {rays} rays; means over cells in the air that no ray reaches, in dB over "
         "free space at 1 m (error); shares of lit cells in which one is above the other by 4 standard errors",
@@ -466,7 +460,7 @@ def streets(out, quick):
             panel.set(xlim=extent[:2], ylim=extent[2:])
             panel.set_title(f"forty blocks, {frequency / 1e9:g} GHz: {what}", fontsize=9)
             figure.colorbar(drawn, ax=panel, shrink=0.8)
-    save(figure, out, "streets")
+    save(figure, out / "steinberg-streets.png", dpi=72)
     table(
         f"Forty blocks, {beams} beams and {4 * beams} rays",
         ["frequency", "dark to rays", "wave there", "dark cells of 3 errors and more", "error of a lit cell, median",

@@ -26,6 +26,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 from _command import run
+from _saving import save
 from _why import (
     DIAMETERS,
     FIELD,
@@ -265,10 +266,7 @@ def draw(out: Path, beads: list[dict[str, tuple[float, ...]]], tilts: dict[tuple
     axes[1].set_ylabel("mean error of log10, six tilts of an unknown slab")
     axes[1].margins(y=0.35)
     axes[1].legend(fontsize=8, loc="upper center")
-    figure.tight_layout()
-    out.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out / "why.png", dpi=80)
-    plt.close(figure)
+    save(figure, out / "why.png")
 
 
 def main(out: Path, quick: bool) -> None:

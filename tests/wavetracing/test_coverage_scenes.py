@@ -1,15 +1,12 @@
 """The street of forty blocks that the figures map: a pure function of its seed, with an error in every cell."""
 
-import sys
-
 import numpy as np
 import pytest
-from scenes import ROOT
+from scenes import of_the_figures
 
 from specklegen.wavetracing import coverage
 
-sys.path.insert(0, str(ROOT / "scripts" / "figures"))
-from _coverage_scenes import forty_blocks  # noqa: E402
+forty_blocks = of_the_figures("_coverage_scenes").forty_blocks
 
 
 def test_forty_blocks_follow_from_their_seed():
