@@ -15,6 +15,7 @@ from typing import Any
 
 from numba import njit
 
+from specklegen.kernels.borrowing import BorrowingCompiler
 from specklegen.kernels.cache import KernelCache, cache_folder
 from specklegen.kernels.helpers import Helper
 
@@ -31,8 +32,20 @@ _FOLDED: dict[str, Any] = {"nopython": True, "nogil": True, "forceinline": True,
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a kernel: serial, no interpreter lock, cached under the digest of all that its file imports."""
-    compiled = njit(**_COMPILED)(function)
+    """Compile a kernel: serial, no interpreter lock, cached under the digest of all that its file imports.
+
+    It borrows its arrays (:mod:`specklegen.kernels.borrowing`), and may return none of them.
+    """
+    return _kept(function, njit(pipeline_class=BorrowingCompiler, **_COMPILED)(function))
+
+
+def returning(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a kernel that may return an array that it was given, or a longer one: it counts references."""
+    return _kept(function, njit(**_COMPILED)(function))
+
+
+def _kept(function: Callable[..., Any], compiled: Any) -> Any:
+    """The same, which is read from the cache and kept there."""
     if cache_folder(Path(function.__code__.co_filename)) is not None:
         compiled._cache = KernelCache(function)
     return compiled

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.kernels import inlined, kernel
+from specklegen.kernels import inlined, kernel, returning
 from specklegen.kernels.borrowing import borrowed
 from specklegen.kernels.rng import normal_pair, uniforms
 from specklegen.wavetracing.kernels import beam_state as beam
@@ -144,7 +144,7 @@ def seen_aside(state, step, qx, qy, qz, skip, normals, facet, tree):
     return place < 0
 
 
-@kernel
+@returning
 def edges_near(state, near, far, table, openings, tree, candidates, places):
     """Outer edges that a beam may meet between two depths, in ``candidates`` int64[E]: their number, and the places.
 
@@ -197,8 +197,6 @@ def walk_beams(
     `specklegen.wavetracing.kernels`
     materials : float64[M, 4], see `specklegen.wavetracing.kernels.surfaces`
     """
-    tree, facets, openings, table = borrowed(tree), borrowed(facets), borrowed(openings), borrowed(table)
-    receivers, tally = borrowed(receivers), borrowed(tally)
     k0, k1 = np.uint64(key[0]), np.uint64(key[1])
     first, count = share
     mode, amplitude, max_events = rules.mode, rules.amplitude, rules.max_events

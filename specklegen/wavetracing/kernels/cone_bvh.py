@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.kernels import inlined, kernel, spliced
+from specklegen.kernels import inlined, kernel, returning, spliced
 from specklegen.wavetracing.kernels.cones import box_depth, rounding, triangle_in_cone
 
 LEAF = 4
@@ -333,7 +333,7 @@ def collect(packed, near, far, tree, out):
     return found, visited
 
 
-@kernel
+@returning
 def collect_all(packed, near, far, tree, places):
     """`collect` into ``places`` int64[room], or into a longer list where it has no room: the list and their number."""
     count, _ = collect(packed, near, far, tree, places)

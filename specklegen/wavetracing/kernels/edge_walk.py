@@ -24,8 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.kernels import inlined, kernel
-from specklegen.kernels.borrowing import borrowed
+from specklegen.kernels import inlined, kernel, returning
 from specklegen.kernels.rng import uniforms
 from specklegen.wavetracing.kernels import beam_state as beam
 from specklegen.wavetracing.kernels import edge_waves as bent
@@ -254,7 +253,7 @@ def _strip(state, edge, t, width, skip, facets):
     return max(high - low, 0.0)
 
 
-@kernel
+@returning
 def edges_about(state, skip, but, wide, places, table, tree, found):
     """Numbers of the edges within twice a beam's cone, in ``found`` int64[ROOM]; their number.
 
@@ -393,7 +392,6 @@ def walk_edges(key, first, count, max_events, source, wavelength, tree, facets, 
     table, sums : EdgeTable of `specklegen.wavetracing.kernels.edge_waves`, Sums
     The others are those of `specklegen.wavetracing.kernels.beam_walk.walk_beams`.
     """
-    tree, facets, table, receivers = borrowed(tree), borrowed(facets), borrowed(table), borrowed(receivers)
     k0, k1 = np.uint64(key[0]), np.uint64(key[1])
     facet, normals, edges, planes = facets.facet, facets.normals, table.edges, receivers.planes
     ends, statistics, balance = sums.ends, sums.statistics, sums.balance

@@ -10,7 +10,6 @@ import math
 import numpy as np
 
 from specklegen.kernels import inlined, kernel
-from specklegen.kernels.borrowing import borrowed
 from specklegen.wavetracing.kernels.cone_bvh import DEPTH, LEAF, next_waiting
 
 _HUGE = 1e300  # one over a component that is zero: products stay defined, 0 * huge = 0
@@ -115,7 +114,7 @@ def nearest(px, py, pz, dx, dy, dz, near, far, skip, other, facet, tree):
 @kernel
 def nearest_of(origins, directions, near, facet, tree, distance, place):
     """`nearest` of many rays: fill ``distance`` float64[n] and ``place`` int64[n]; return the nodes visited."""
-    visited, tree, facet = 0, borrowed(tree), borrowed(facet)
+    visited = 0
     for n in range(origins.shape[0]):
         distance[n], place[n], count = nearest(
             origins[n, 0], origins[n, 1], origins[n, 2], directions[n, 0], directions[n, 1], directions[n, 2],
