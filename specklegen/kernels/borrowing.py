@@ -23,7 +23,7 @@ def _without_owner(context, builder, kind, given):
         array.meminfo = context.get_constant_null(types.MemInfoPointer(types.voidptr))
         return array._getvalue()
     if isinstance(kind, types.BaseTuple):
-        for n, each in enumerate(kind):
+        for n, each in enumerate(kind):  # type: ignore[arg-type]
             part = _without_owner(context, builder, each, builder.extract_value(given, n))
             given = builder.insert_value(given, part, n)
     return given

@@ -73,7 +73,7 @@ def _returned(function):
 
 
 FILES = [*ROOT.glob("specklegen/kernels/*.py"), *ROOT.glob("specklegen/wavetracing/kernels/*.py")]
-NUMBERS = {"counter", "count"}
+NUMBERS = {"counter", "count", "hit"}
 """Parameters that are numbers."""
 
 
