@@ -223,7 +223,7 @@ def memory(correlations: Correlations, lattice: Lattice) -> torch.Tensor:
     """
     if lattice.tilts == 1 and correlations.isotropic:
         return on_differences(correlations, lattice.shape, lattice.step)
-    if correlations.isotropic and lattice.step.device.type == "cpu":
+    if correlations.isotropic and lattice.step.device.type == "cpu" and lattice.size > FEW:
         values = torch.stack([_between_tilts(correlations.at([n]), lattice.at([n])) for n in range(len(lattice.step))])
         return values if lattice.kept is None else values * lattice.kept[..., None, None]
     gap = lattice.base[:, :, None] - lattice.base[:, None]
