@@ -43,7 +43,7 @@ NOT_RUN = {
     "specklegen plan explored.toml": "of a file that the explorer writes",
     "specklegen benchmark( [^-].*)?": "of a function or a model of the reader's, or minutes; test_benchmark.py",
     "specklegen benchmark --(table|check) results.*": "of the repository's folder; test_entries.py",
-    "specklegen benchmark --secret .*": "minutes; test_secret.py",
+    "specklegen benchmark mine.py:mine --secret .*": "minutes; test_secret.py",
     "python scripts/build/make_wave_images.py": "ten minutes; test_waves.py makes one of its images",
     "specklegen evaluate runs/(unet/best.pt runs/dense|material)/best.pt": "models of runs of an hour",
     "python scripts/error_vs_time.py.*": "references take hours, and pages of the repository are written",
