@@ -76,8 +76,11 @@ def picture(found: dict[str, tuple[float, float]], out: Path) -> None:
     axes.set_yticks(places, list(found))
     axes.invert_yaxis()
     axes.set_xscale("log")
+    ticks = [10, 30, 100, 300, 1000]
+    axes.set_xticks(ticks, [str(n) for n in ticks])
+    axes.minorticks_off()
     axes.set_xlabel("images a second")
-    axes.legend(frameon=False)
+    figure.legend(loc="outside upper right", ncols=2, frameon=False)
     figure.savefig(out, dpi=110)
 
 
