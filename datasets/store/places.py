@@ -68,7 +68,7 @@ def put(file: Any, data: bytes) -> None:
 def put_new(file: Any, data: bytes) -> bool:
     """Write a file at an address, whole, if there is none; whether this call did.
 
-    A file system that knows no such put writes in any case, and says that it did.
+    A file system that knows no such put looks first and then writes: of two at once both may be told that they did.
     """
     try:
         file.fs.pipe_file(file.path, data, mode="create")

@@ -27,6 +27,7 @@ since = np.arange(count) / 20  # over the 1/e time
 
 
 def fields(medium, times, realizations):
+    """Fields of films of a medium, complex64[realizations, times, 96, 96]."""
     beams = sg.CollimatedBeams.tilts(np.zeros(len(times)), width=width, times=times)
     scene = sg.Scene(wavelength=0.5, medium=medium, illumination=beams, sensor=sg.FarField.grid((96, 96), pitch))
     return sg.render(scene, realizations=realizations, paths=20_000).field

@@ -24,6 +24,7 @@ depths = np.array([3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0])
 
 
 def transfer(depth, x):
+    """Light that a slab passes, and that keeps its phase in moving particles."""
     return adding_doubling(depth, albedo=1.0, g=0.0, motion=x, nodes=32).transmitted
 
 
@@ -60,6 +61,7 @@ rate = 1 + 1 / cosine
 
 
 def multiple(x, depth):
+    """Light that a slab sends back at five degrees after more than one scattering."""
     light = adding_doubling(depth, albedo=1.0, g=0.0, motion=x, view=cosine, nodes=48).reflected
     return light + np.expm1(-depth * rate) / rate / (4 * np.pi * cosine) * np.exp(-2 * x * (1 + cosine))
 

@@ -9,11 +9,12 @@ must not leave the kernel that borrows it: no kernel returns an array that it wa
 from typing import Any
 
 from numba import types
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.compiler_machinery import register_pass
 from numba.core.lowering import Lower
 from numba.core.typed_passes import NativeLowering
 from numba.extending import intrinsic
+
+from specklegen.kernels.lowering import compiler_with
 
 
 def _without_owner(context, builder, kind, given):
@@ -64,12 +65,5 @@ class _BorrowingLowering(NativeLowering):
         return _Borrowing
 
 
-class BorrowingCompiler(CompilerBase):
-    """Numba's compiler, of functions that borrow their arguments."""
-
-    def define_pipelines(self) -> list[PassManager]:
-        """Put the pass above in the place of Numba's own."""
-        steps = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        steps.passes = [(_BorrowingLowering if each is NativeLowering else each, told) for each, told in steps.passes]
-        steps.finalize()
-        return [steps]
+BorrowingCompiler = compiler_with(_BorrowingLowering)
+"""Numba's compiler, of functions that borrow their arguments."""

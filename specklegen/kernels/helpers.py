@@ -12,11 +12,13 @@ from typing import Any, Literal
 
 from numba import njit
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder, _LowerResult
-from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.compiler import _LowerResult
+from numba.core.compiler_machinery import register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NativeLowering
 from numba.core.types import unliteral
+
+from specklegen.kernels.lowering import compiler_with
 
 
 class _LinkedLibrary(JITCodeLibrary):
@@ -51,14 +53,7 @@ class _LinkedLowering(NativeLowering):
         return True
 
 
-class _HelperCompiler(CompilerBase):
-    """Numba's compiler, whose last step is the one above."""
-
-    def define_pipelines(self) -> list[PassManager]:
-        steps = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        steps.passes = [(_LinkedLowering if each is NativeLowering else each, told) for each, told in steps.passes]
-        steps.finalize()
-        return [steps]
+_HelperCompiler = compiler_with(_LinkedLowering)
 
 
 class Helper(CPUDispatcher):
