@@ -136,6 +136,17 @@ def named_file(names: Sequence[str], parameters: Mapping[str, float]) -> dict[st
     return {"file": names[number] if number >= 0 else ""}
 
 
+def _on_host(column: Any) -> np.ndarray:
+    return np.asarray(column.cpu() if hasattr(column, "cpu") else column)
+
+
+def _is_finite(column: Any) -> bool:
+    if hasattr(column, "isfinite"):  # a tensor: looked at where it lies, which may be a device
+        return bool(column.isfinite().all())
+    value = np.asarray(column)
+    return value.dtype.kind not in "fc" or bool(np.isfinite(value).all())
+
+
 def require_finite(sample: Mapping[str, Any], recipe: Renderable, seed: int, split: str) -> None:
     """Refuse a sample, or a batch of them, that holds anything but finite numbers; parameters may say ``unbounded``.
 
@@ -147,14 +158,14 @@ def require_finite(sample: Mapping[str, Any], recipe: Renderable, seed: int, spl
     arrays = [(key, value, False) for key, value in sample.items() if key != "parameters"]
     drawn = [(name, value, True) for name, value in sample["parameters"].items()]
     for name, column, is_parameter in arrays + drawn:
-        value = np.asarray(column)
-        if value.dtype.kind not in "fc" or np.isfinite(value).all():
+        if _is_finite(column):
             continue
+        value = _on_host(column)
         spec = recipe.layout().get("parameters")
         free = is_parameter and spec is not None and name in spec.unbounded
         good = ~np.isnan(value) if free else np.isfinite(value)
         if not good.all():
-            index = np.atleast_1d(sample["index"])
+            index = np.atleast_1d(_on_host(sample["index"]))
             rows = good.reshape(len(index), -1)
             worst = int(rows.all(1).argmin())
             bad = value.reshape(rows.shape)[worst][~rows[worst]][0]

@@ -10,7 +10,7 @@ from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
 from specklegen.datasets.addresses import Addresses
 from specklegen.datasets.recipes.parts.tilts import Tilts
-from specklegen.datasets.sample_schema import ArraySpec
+from specklegen.datasets.sample_schema import ArraySpec, require_finite
 from specklegen.datasets.store.generate import GenerationError, generate
 from specklegen.datasets.store.info import info
 from specklegen.scene.illumination import CollimatedBeams
@@ -54,6 +54,35 @@ def test_no_such_number_is_stored_or_streamed(tmp_path, name, words):
     next(batches)
     with pytest.raises(RuleError, match=words):
         next(batches)
+
+
+class OnDevice(torch.Tensor):
+    """What PyTorch does on a device: numbers come to the host by ``cpu`` alone."""
+
+    def __array__(self, *_):
+        raise TypeError("cannot convert a tensor of a device to NumPy")
+
+    numpy = __array__
+
+    def cpu(self):
+        return self.as_subclass(torch.Tensor)
+
+
+@pytest.mark.parametrize("wrong", [None, "image", "level"])
+def test_batches_on_a_device_are_looked_at_there(wrong):
+    """Streams on a GPU raised at their first batch, and no machine of the checks has one."""
+    batch = {"image": torch.ones(3, 4, 4), "index": torch.arange(5, 8), "parameters": {"level": torch.ones(3)}}
+    if wrong is not None:
+        (batch | batch["parameters"])[wrong][1] = NAN
+    named = {key: value.as_subclass(OnDevice) for key, value in batch.items() if key != "parameters"}
+    batch = named | {"parameters": {"level": batch["parameters"]["level"].as_subclass(OnDevice)}}
+    with pytest.raises(TypeError):
+        np.asarray(batch["image"])
+    if wrong is None:
+        require_finite(batch, FakeRecipe(name="a"), 0, "train")
+    else:
+        with pytest.raises(RuleError, match=rf"{wrong} of sample \(.*index=6\) must be finite everywhere; got nan"):
+            require_finite(batch, FakeRecipe(name="a"), 0, "train")
 
 
 def test_a_parameter_may_be_infinite_where_the_layout_says_so(tmp_path):
