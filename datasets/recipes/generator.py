@@ -283,7 +283,7 @@ class SpeckleGenerator:
         own = {} if self.one_by_one or self.recipe.media_alike else some.tensors()  # what stays is not copied
         if self._keeps(media[0], imaging):  # on the CPU a chunk is one sample
             held = [self._spectra_of(m, imaging, made, place) for m, place in zip(media, places, strict=True)]
-            inputs = {"spectra": torch.cat(held), "light": lit.light} | own
+            inputs = {"spectra": torch.cat(held) if len(held) > 1 else held[0], "light": lit.light} | own
             seen = self.run(("kept", *some.statics), partial(_seen_through, some, self.one_by_one), inputs)
             return self.recipe.exposed(seen)
         streams = made.streams.at(places)

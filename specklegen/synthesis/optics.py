@@ -54,9 +54,12 @@ def _fields_on_the_cpu(
         drawn, before = np.empty((rank * ny * nx, 2), amplitude.dtype), None
         for frame, (k0, k1) in enumerate(film):
             rng.fill_normals(k0, k1, sample, drawn)
-            white = drawn.reshape(rank, ny, nx, 2) * amplitude
-            before = white if before is None else share * before + (1 - share**2) ** 0.5 * white
-            fields[place, frame, :, :ny, :nx] = torch.from_numpy(before)
+            now = fields[place, frame, :, :ny, :nx].numpy()
+            np.multiply(drawn.reshape(rank, ny, nx, 2), amplitude, out=now)
+            if before is not None:
+                now *= (1 - share**2) ** 0.5
+                now += share * before
+            before = now
     return fields
 
 
