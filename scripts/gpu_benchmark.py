@@ -7,8 +7,8 @@
 Limits are measured in the same run: bytes a second of a large copy (read and written), and floating-point operations
 a second of a large complex64 matrix product. Beside each rate stand the bytes and operations that one image cannot do
 without, and the share of the device's limit that the rate reaches. Every result is compared with the CPU's before it
-is timed. Rates are medians of the repeats, on the CPU in seconds of the processor. The first batches of a recipe compile
-its operators, which takes a minute or two on a CUDA device (docs/devices.md).
+is timed. Rates are medians of the repeats, on the CPU in seconds of the processor. The first batches compile
+their operators, which takes a minute or two on a CUDA device (docs/devices.md).
 """
 
 import argparse

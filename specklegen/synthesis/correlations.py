@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 else:
     torch, Places = LazyModule("torch"), Any
 
+_AT_ONCE = 2**14  # distances at which K is asked together
+
 
 class Correlations(Protocol):
     """K of M media."""
@@ -37,6 +39,10 @@ class Correlations(Protocol):
         """K float64[M, ...] at lateral wavevector differences float64[M, ...], along x and y."""
         ...
 
+    def on_grid(self, dx: torch.Tensor, dy: torch.Tensor) -> torch.Tensor:
+        """K float64[k, ny, nx] of one medium at all differences along x float64[k, nx] and y float64[k, ny]."""
+        ...
+
     def at(self, places: Places) -> Self:
         """Return the correlations of some of the media."""
         ...
@@ -47,7 +53,10 @@ class Correlations(Protocol):
 
 
 class Correlation(Protocol):
-    """K of one medium, such as :class:`MemoryEffectCorrelation`; if not ``isotropic`` it has ``planar`` instead."""
+    """K of one medium, such as :class:`MemoryEffectCorrelation`; if not ``isotropic`` it has ``planar`` instead.
+
+    A sum of products of functions of either axis may have ``on_grid`` besides, of x float64[k, nx], y float64[k, ny].
+    """
 
     isotropic: bool
 
@@ -59,6 +68,20 @@ class Correlation(Protocol):
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """K at lateral wavevector differences of any shape."""
         ...
+
+
+def by_distance(correlations: Correlations, dx: torch.Tensor, dy: torch.Tensor) -> torch.Tensor:
+    """K float64[k, ny, nx] of one medium, isotropic, on grids: each distance is asked once.
+
+    K takes the time there.
+    """
+    distance = torch.hypot(dy[:, :, None], dx[:, None, :])
+    found = torch.empty_like(distance)
+    at_once = max(1, _AT_ONCE // distance[0].numel())  # few calls of small grids; sorting many takes longer than K
+    for some, own in zip(found.split(at_once), distance.split(at_once), strict=True):
+        unique, same = torch.unique(own, return_inverse=True)  # of many pairs of pixels it is the same again
+        some.copy_(correlations(unique[None])[0][same])
+    return found
 
 
 @dataclass(frozen=True)
@@ -100,6 +123,14 @@ class Tabulated:
         ]
         return torch.from_numpy(np.stack(rows)).to(q.device)
 
+    def on_grid(self, dx: torch.Tensor, dy: torch.Tensor) -> torch.Tensor:
+        """K float64[k, ny, nx] of the one medium at all differences along x float64[k, nx] and y float64[k, ny]."""
+        (one,) = self.correlations
+        separable = getattr(one, "on_grid", None)
+        if separable is None or not one.weights.any():
+            return by_distance(self, dx, dy)
+        return torch.from_numpy(separable(dx.numpy(), dy.numpy()))
+
     def at(self, places: Places) -> Tabulated:
         """Return the correlations of some of the media."""
         numbers = np.arange(len(self.correlations))[places if isinstance(places, slice) else np.asarray(places)]
@@ -137,6 +168,10 @@ class Mixtures:
     def __call__(self, q: torch.Tensor) -> torch.Tensor:
         """K float64[M, n]."""
         return self.mixture(q, self.radius, self.share)
+
+    def on_grid(self, dx: torch.Tensor, dy: torch.Tensor) -> torch.Tensor:
+        """K float64[k, ny, nx] of the one medium."""
+        return by_distance(self, dx, dy)
 
     def at(self, places: Places) -> Mixtures:
         """Return the correlations of some of the media."""

@@ -38,7 +38,6 @@ POLYNOMIAL_SHARE = 0.5
 """Share of the tolerance that the polynomials may leave out."""
 _TOGETHER = 0.999  # ratio of the powers of two columns that are kept together
 _SAME_GAP = 1e-12  # of the largest gap: rounding is less
-_AT_ONCE = 2**14  # distances at which K is asked together
 _JITTER = 1e-11  # on the diagonal, over the number of beams: far above rounding, far below any tolerance
 
 
@@ -224,8 +223,11 @@ def memory(correlations: Correlations, lattice: Lattice) -> torch.Tensor:
     if lattice.tilts == 1 and correlations.isotropic:
         return on_differences(correlations, lattice.shape, lattice.step)
     if correlations.isotropic and lattice.step.device.type == "cpu" and lattice.size > FEW:
-        values = torch.stack([_between_tilts(correlations.at([n]), lattice.at([n])) for n in range(len(lattice.step))])
-        return values if lattice.kept is None else values * lattice.kept[..., None, None]
+        sides = [2 * side - 1 for side in lattice.shape]
+        values = lattice.step.new_empty(len(lattice.step), lattice.tilts, lattice.tilts, *sides)
+        for n, own in enumerate(values):
+            _fill_between_tilts(correlations.at([n]), lattice.at([n]), own)
+        return values if lattice.kept is None else values.mul_(lattice.kept[..., None, None])
     gap = lattice.base[:, :, None] - lattice.base[:, None]
     dx, dy = _apart(lattice, gap)
     if correlations.isotropic:
@@ -244,10 +246,10 @@ def _apart(lattice: Lattice, gap: torch.Tensor) -> tuple[torch.Tensor, torch.Ten
     return dx, dy
 
 
-def _between_tilts(correlations: Correlations, lattice: Lattice) -> torch.Tensor:
-    """K of one medium at the differences of all beams, float64[T, T, 2h - 1, 2w - 1], each gap of tilts asked once.
+def _fill_between_tilts(correlations: Correlations, lattice: Lattice, whole: torch.Tensor) -> None:
+    """Write K of one medium at the differences of all beams, float64[T, T, 2h - 1, 2w - 1], each gap asked once.
 
-    K takes the time there: of tilts that are evenly spaced few gaps differ, and gaps the other way are turned.
+    Of tilts that are evenly spaced few gaps differ, and gaps the other way are turned.
     """
     base, tilts = lattice.base[0], lattice.tilts
     first, second = torch.triu_indices(tilts, tilts)
@@ -258,16 +260,9 @@ def _between_tilts(correlations: Correlations, lattice: Lattice) -> torch.Tensor
     )
     which = torch.from_numpy(which.reshape(-1))
     dx, dy = _apart(lattice, gap[torch.from_numpy(kinds)][None])
-    distance = torch.hypot(dy[0, :, :, None], dx[0, :, None, :])
-    correlation = torch.empty_like(distance)
-    at_once = max(1, _AT_ONCE // distance[0].numel())  # few calls of small gaps; sorting many takes longer than K
-    for some, own in zip(correlation.split(at_once), distance.split(at_once), strict=True):
-        unique, same = torch.unique(own, return_inverse=True)  # of many pairs of pixels it is the same again
-        some.copy_(correlations(unique[None])[0][same])
-    whole = correlation.new_empty((tilts, tilts, *correlation.shape[1:]))
+    correlation = correlations.on_grid(dx[0], dy[0])
     whole[first, second] = correlation[which]
     whole[second, first] = correlation[which].flip(1, 2)
-    return whole
 
 
 def coefficients(known: torch.Tensor, lattice: Lattice, degree: int) -> torch.Tensor:

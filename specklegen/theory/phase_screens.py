@@ -169,10 +169,12 @@ class Lobes:
 
     def spreads(self, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """V float64[..., N] and c float64[..., N, 2] of every term, for a_m float64[..., M, 2]."""
-        events = self.events
-        mean = events @ ways / events.sum(axis=1, keepdims=True)
-        apart = np.square(ways[..., None, :, :] - mean[..., None, :]).sum(-1)
-        return (events * apart).sum(axis=-1), mean
+        events, total = self.events, self.variances
+        middle = np.mean(ways, axis=-2, keepdims=True)
+        apart = ways - middle  # small: V is a difference of two sums
+        first = events @ apart
+        squares = np.square(apart).sum(-1) @ events.T
+        return np.maximum(squares - np.square(first).sum(-1) / total, 0.0), first / total[:, None] + middle
 
     @cached_property
     def walk_shares(self) -> np.ndarray:

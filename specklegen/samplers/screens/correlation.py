@@ -55,6 +55,12 @@ class ScreenCorrelation(MemoryEffectCorrelation):
         radius, share = self._mixture
         return np.exp(-0.25 * np.square(np.asarray(q, np.float64)[..., None] * radius)) @ share
 
+    def on_grid(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """K float64[k, ny, nx] at all differences along x float64[k, nx] and y float64[k, ny], a sum of products."""
+        radius, share = self._mixture
+        along, across = (np.exp(-0.25 * np.square(axis[:, None] * radius[:, None])) for axis in (x, y))
+        return (across * share[:, None]).swapaxes(1, 2) @ along
+
     def _lost(self, q: np.ndarray) -> np.ndarray:
         return -np.expm1(-0.25 * np.square(q * self.radius))
 

@@ -54,9 +54,11 @@ def frame_correlation(stack: ScreenStack, wavelength: float, moved: np.ndarray, 
     return lobes(stack, wavelength).decorrelation(moved) * window.overlap(drift[:, 0], drift[:, 1])
 
 
-def film_error(stack: ScreenStack, wavelength: float, moved: np.ndarray, window: Window, reach: float) -> float:
-    """Largest error of C_I between the first frame and any other, of beams up to ``reach`` (sine) apart."""
-    film, correlation = film_of(stack, wavelength, moved, window), screen_correlation(stack, wavelength)
+def film_error(
+    film: Film, stack: ScreenStack, wavelength: float, moved: np.ndarray, window: Window, reach: float
+) -> float:
+    """Largest error of C_I between a film's first frame and any other, of beams up to ``reach`` (sine) apart."""
+    correlation = screen_correlation(stack, wavelength)
     terms, drift = lobes(stack, wavelength), drifts(stack, wavelength, moved)
     inside = window.overlap(*(drift - drift[0]).T)
     tilt = reach * np.array([[0, 0], [0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5], [1, 0], [-1, 0], [0, 1], [0, -1]])

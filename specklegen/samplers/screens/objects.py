@@ -58,13 +58,13 @@ def _film(sight: Sight, n: int, stack: ScreenStack, moved: np.ndarray) -> tuple[
     """Tilts that the frames of one medium are like, float64[T, 2], and what is left of K besides, float64[T, T]."""
     window, wavelength = Window(sight.profile, float(sight.width[n])), sight.wavelength
     reach = float(sight.object_pitch[n]) * max(side - 1 for side in sight.shape)
-    error = film_error(stack, wavelength, moved, window, reach)
+    film = film_of(stack, wavelength, moved, window)
+    error = film_error(film, stack, wavelength, moved, window, reach)
     if error > _LOST:
         reject(
             "Dynamics.velocities", f"such that frames are like tilts within {_LOST:g} in C_I",
             float(f"{error:.2g}"), "Move the screens less, or use two screens, of which it is exact.",
         )  # fmt: skip
-    film = film_of(stack, wavelength, moved, window)
     return film.tilts, film.kept
 
 

@@ -56,3 +56,29 @@ def test_the_lobe_over_a_grid_is_that_of_its_points(stack):
     assert np.abs(found.T[:7, :7] - exact[:, :7]).max() > 1e-2  # rows are y
     both = terms.over_grid(np.stack([x, x + angle]), np.stack([y, y]))
     np.testing.assert_allclose(both[0], found, rtol=1e-12)
+
+
+@pytest.mark.parametrize("stack", [LAB, WEAK, MANY])
+def test_k_on_a_grid_is_k_of_its_distances(stack):
+    """Products of functions of x and y, not asked distance by distance: of grids off the origin, and of several."""
+    kernel = screen_correlation(stack, 0.532)
+    half = kernel.half_range()
+    x, y = half * np.array([np.linspace(-1, 2, 7), np.linspace(0.3, 4, 7)]), half * np.linspace([-3, 0], [1, 2], 5).T
+    distance = np.hypot(y[:, :, None], x[:, None])
+    np.testing.assert_allclose(kernel.on_grid(x, y), kernel(distance), rtol=1e-12, atol=1e-14)
+    assert np.abs(kernel.on_grid(x, y[::-1]) - kernel(distance)).max() > 0.01, "rows and columns, and which is which"
+
+
+@pytest.mark.parametrize("stack", [LAB, WEAK, MANY])
+@pytest.mark.parametrize("far", [0.0, 1e4])
+def test_spreads_are_the_variances_of_their_definition(stack, far):
+    """V = sum_m e_m |a_m - c|^2, c = sum_m e_m a_m / T: also of ways that are far from 0 and close to one another."""
+    terms = lobes(stack, 0.532)
+    ways = far + np.random.default_rng(0).normal(size=(3, len(stack.distances), 2))
+    variance, mean = terms.spreads(ways)
+    for n in np.linspace(0, len(terms.shares) - 1, 20).astype(int):
+        share = terms.events[n] / terms.events[n].sum()
+        middle = share @ ways
+        np.testing.assert_allclose(mean[:, n], middle, rtol=1e-12)
+        literal = (terms.events[n][:, None] * np.square(ways - middle[:, None])).sum((1, 2))
+        np.testing.assert_allclose(variance[:, n], literal, rtol=1e-9, atol=1e-10 * terms.variances[n])

@@ -69,19 +69,20 @@ def test_of_two_screens_frames_are_tilts():
     np.testing.assert_allclose(film.tilts, MOVED[:, 0] / 800.0, rtol=1e-12)
     gone = 0.5 * (MOVED[:, None, 0] - MOVED[:, 0])
     np.testing.assert_allclose(film.kept, WINDOW.overlap(gone[..., 0], gone[..., 1]), rtol=1e-9)
-    assert film_error(PAIR, 1.0, MOVED, WINDOW, 0.004) < 1e-4
+    assert film_error(film, PAIR, 1.0, MOVED, WINDOW, 0.004) < 1e-4
     beam = frame_correlation(PAIR, 1.0, MOVED, WINDOW)
     np.testing.assert_allclose(beam, lobes(PAIR, 1.0).decorrelation(MOVED) * film.kept[0], rtol=1e-9)
 
 
 def test_of_more_screens_what_rests_is_stated_and_refused_where_it_is_too_much():
     moved = np.stack([np.zeros((3, 2)), [[2.0, 0.0], [0.0, 2.0], [0.0, 0.0]]])
-    assert film_error(THREE, 1.0, moved, WINDOW, 0.002) < 0.02
-    assert film_of(THREE, 1.0, moved, WINDOW).kept[0, 1] < 0.99
+    film = film_of(THREE, 1.0, moved, WINDOW)
+    assert film_error(film, THREE, 1.0, moved, WINDOW, 0.002) < 0.02
+    assert film.kept[0, 1] < 0.99
     weak = sg.PhaseScreen(rms_phase=1.0, correlation_length=10.0)
     mixed = sg.ScreenStack(screens=(STRONG, weak, weak), gaps=(500.0, 300.0))
     moved = 4 * moved
-    assert film_error(mixed, 1.0, moved, WINDOW, 0.01) > 0.02
+    assert film_error(film_of(mixed, 1.0, moved, WINDOW), mixed, 1.0, moved, WINDOW, 0.01) > 0.02
     with pytest.raises(sg.RuleError, match="frames are like tilts within 0.02"):
         screen_objects(
             mixed, wavelength=1.0, object_shape=(1, 3), object_pitch=0.005, grid=sg.FarField.grid((12, 12), 1 / 1500),
