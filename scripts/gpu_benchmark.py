@@ -3,6 +3,7 @@
     python scripts/gpu_benchmark.py --device cuda      some minutes; writes nothing unless --json is given
     python scripts/gpu_benchmark.py --device cpu       the same on the CPU, for comparison
     python scripts/gpu_benchmark.py --only streams     batches of recipes (docs/devices.md), and what else users have
+    python scripts/gpu_benchmark.py --profile through-slab     where the time of a recipe's batches goes
 
 Limits are measured in the same run: bytes a second of a large copy (read and written), and floating-point operations
 a second of a large complex64 matrix product. Beside each rate stand the bytes and operations that one image cannot do
@@ -14,15 +15,16 @@ their operators, which takes a minute or two on a CUDA device (docs/devices.md).
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 import specklegen as sg
-from specklegen.datasets import load_recipe
+from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.synthesis.objects import object_imaging, object_media
@@ -150,22 +152,37 @@ def needs(generator: SpeckleGenerator, numbers: list[int]) -> tuple[float, float
     return float(mean_bytes), float(operations)
 
 
+def forever(name: str, batch: int, device: torch.device) -> Iterator[dict[str, Any]]:
+    """Batches of a packaged recipe as a training loop sees them, epoch after epoch."""
+    loader = SpeckleStream(load_recipe(name), batch_size=batch, device=device).loader()
+    while True:
+        yield from loader
+
+
 def stream(name: str, device: torch.device, repeats: int) -> dict[str, float]:
-    """Batches of a packaged recipe."""
+    """Batches of a packaged recipe's stream, as many as a device makes at once and as many more."""
     batch = 256 if device.type == "cuda" else 16
     generator = SpeckleGenerator(load_recipe(name), 0, device=device)
     plain = SpeckleGenerator(load_recipe(name), 0)
     key = next(iter(generator.recipe.layout()))
     error = agreement(generator(range(16))[key].double(), plain(range(16))[key].double(), 1e-4)
-    first = iter(range(0, 10**9, batch))
-
-    def one() -> object:
-        start = next(first)
-        return generator(range(start, start + batch))
-
-    took = seconds(one, device, repeats) / batch
+    several = 2 * max(1, generator.at_once // batch) if device.type == "cuda" else 1
+    batches = forever(name, batch, device)
+    took = seconds(lambda: [next(batches) for _ in range(several)], device, repeats) / (several * batch)
     least, operations = needs(generator, list(range(batch)))
     return {"rate": 1 / took, "error": error, "bytes": least, "operations": operations}
+
+
+def profile(name: str, device: torch.device) -> None:
+    """Print where the time of a recipe's batches goes, on the host and on the device, once all is compiled."""
+    batches = forever(name, 256 if device.type == "cuda" else 16, device)
+    for _ in range(8):
+        next(batches)
+    with torch.profiler.profile() as found:
+        for _ in range(8):
+            next(batches)
+    for by in ("self_cpu_time_total", "cpu_time_total", *(["self_cuda_time_total"] if device.type == "cuda" else [])):
+        print(found.key_averages().table(sort_by=by, row_limit=25, max_name_column_width=60))
 
 
 def peers(device: torch.device, repeats: int) -> dict[str, dict[str, float]]:
@@ -255,10 +272,13 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--only", choices=["streams", "sums"], help="half of the rows")
     parser.add_argument("--json", type=Path, metavar="PATH", help="write the figures there, too")
+    parser.add_argument("--profile", metavar="RECIPE", help="only say where the time of its batches goes")
     options = parser.parse_args()
     device = torch.device(options.device)
     if device.type == "cuda" and not torch.cuda.is_available():
         raise SystemExit("No CUDA device is at hand: install a CUDA build of torch, or use --device cpu.")
+    if options.profile:
+        return profile(options.profile, device)
     name = torch.cuda.get_device_name(device) if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"
     able = limits(device, options.repeats)
     print(f"{name}: copy {able['bytes'] / 1e9:.4g} GB/s, complex64 product {able['operations'] / 1e12:.4g} Tflop/s")
