@@ -11,6 +11,7 @@ import torch
 
 from specklegen.core.display.escape import cell, csv_cell
 from specklegen.datasets.objects.outlines import CHARACTERS
+from specklegen.models.judging.isolation import copy_of
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.targets import MATERIAL, TARGETS, Scale, in_units
 from specklegen.models.metrics import Interval, bootstrap
@@ -163,8 +164,8 @@ def judge(
     """
     batch_answers, true, media = [], [], []
     others: dict[str, list[np.ndarray]] = {name: [] for name in beside}
-    for batch in batches:
-        batch_answers.append(model.tell(batch))
+    for batch in map(copy_of, batches):
+        batch_answers.append(model.tell(batch).cpu())
         true.append(TARGETS[model.target].values(batch))
         media.append(batch["parameters"]["medium"].long())
         for name, method in beside.items():

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from specklegen.core.display.escape import cell, csv_cell
+from specklegen.models.judging.isolation import copy_of
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.metrics import Interval
 
@@ -85,7 +86,7 @@ def judge_maps(
     methods = {"network": lambda batch: model.tell(batch).double().cpu().numpy(), **beside}
     errors: dict[str, list[np.ndarray]] = {name: [] for name in methods}
     mean, square, media = [], [], []
-    for batch in batches:
+    for batch in map(copy_of, batches):
         true = batch["target"].double().numpy()
         for name, method in methods.items():
             errors[name].append(np.square(method(batch) - true).mean((-2, -1)))

@@ -282,6 +282,7 @@ def evaluate(
         if not isinstance(batch, Mapping) or "object" not in batch or not ("image" in batch or "frames" in batch):
             given = sorted(batch) if isinstance(batch, Mapping) else batch
             reject("evaluate batch", 'one with "object", and "image" or "frames"', given)
+        batch = copy_of(batch)
         nothing = torch.full((len(batch["object"]),), -1.0, dtype=torch.float64)
         for name, values_ in parameters.items():
             values_.append(batch["parameters"].get(name, nothing))
@@ -289,7 +290,7 @@ def evaluate(
         shape = (batch["object"].shape[-2], batch["object"].shape[-1])
         shown: dict[str, Tensor] = {}
         for name, method in methods.items():
-            answer = method(copy_of(batch))  # what one does in place is not the next one's
+            answer = copy_of(method(copy_of(batch)))  # what one does in place is not the next one's
             answers[name].append(framed(_darkened(answer), FRAME))
             aligned = {target: aligned_to(answer, truth, shape) for target, truth in truths.items()}
             shown[name] = aligned["sharp"]

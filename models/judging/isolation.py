@@ -152,5 +152,5 @@ def tensors_of(batch: Any) -> Any:
 
 
 def copy_of(batch: Any) -> Any:
-    """Copy a nested mapping of tensors, so that nothing done in place to it reaches the original."""
+    """Copy a nested mapping of tensors to the host: nothing done in place to it reaches the original."""
     return tensors_of(arrays_of(batch))

@@ -240,18 +240,21 @@ def banded_lags(power: Tensor, shape: tuple[int, int], grain: float, step: float
     grain, step
         Camera pixels in a grain, and in an object pixel.
     """
-    counted, turns = _banded(shape, grain, step)
+    counted, turns = _banded(shape, grain, step, power.device)
     lags = turns.back((power * counted)[None])[0]
     return torch.fft.fftshift(lags / lags[0, 0].clamp_min(torch.finfo(lags.dtype).tiny))
 
 
 @lru_cache(maxsize=64)
-def _banded(shape: tuple[int, int], grain: float, step: float) -> tuple[Tensor, Transforms]:
+def _banded(
+    shape: tuple[int, int], grain: float, step: float, device: torch.device
+) -> tuple[Tensor, Transforms]:
     """Frequencies that count, of two opposite ones one, float32[F, G], and transforms to lags."""
     rows, columns = band(shape, grain)
     counted = (columns > 0) | (rows > 0)[:, None]
     cycles = rows.double() / shape[0], columns.double() / shape[1]
-    return counted.float(), lag_transforms(cycles, shape, torch.tensor([step], dtype=torch.float32), LAGS)
+    turns = lag_transforms(cycles, shape, torch.tensor([step], dtype=torch.float32), LAGS)
+    return counted.float().to(device), Transforms(*(each.to(device) for each in turns))
 
 
 def periodogram_input(batch: Mapping[str, Any]) -> Tensor:

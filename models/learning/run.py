@@ -113,11 +113,12 @@ class Run:
         training, self.stepping, begun = self.training, True, time.perf_counter()
         for group in self.optimiser.param_groups:
             group["lr"] = training.learning_rate * rate
+        inputs, targets = inputs.to(self.device), targets.to(self.device)
         if training.mirror:
             rng = np.random.default_rng(np.random.SeedSequence([training.seed, self.epoch, self.step]))
-            inputs, targets = mirrored(inputs, targets, torch.from_numpy(rng.random(len(targets)) < 0.5))
+            which = torch.from_numpy(rng.random(len(targets)) < 0.5).to(self.device)
+            inputs, targets = mirrored(inputs, targets, which)
         self.network.train()
-        inputs, targets = inputs.to(self.device), targets.to(self.device)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.device.type == "cuda"):
             logits = self.network(inputs)
         loss = loss_of(logits.float(), targets)

@@ -93,14 +93,16 @@ def numbers_of(batch: Mapping[str, Any], names: Mapping[str, Scale]) -> Tensor:
             reject(f"batch {name}", "a finite number of every medium", drawn.get(name),
                    "Thin screens have no optical depth, a single one no range, media at rest no tau0: ask for another "
                    "target.")  # fmt: skip
-    numbers = [drawn[name].log10() if scale.logarithm else drawn[name] for name, scale in names.items()]
-    middle, spread = _scales(names, torch.float64)
-    return ((torch.stack(numbers, -1) - middle) / spread)[:, None].float()
+    numbers = torch.stack(
+        [drawn[name].log10() if scale.logarithm else drawn[name] for name, scale in names.items()], -1
+    )
+    middle, spread = _scales(names, numbers.double())
+    return ((numbers - middle) / spread)[:, None].float()
 
 
 def in_units(rows: Tensor, names: Mapping[str, Scale] = MATERIAL) -> Tensor:
     """Numbers of the medium, some by their log10, float[B, K], from rows over their spread."""
-    middle, spread = _scales(names, rows.dtype)
+    middle, spread = _scales(names, rows)
     return rows[:, 0] * spread + middle
 
 
@@ -115,8 +117,8 @@ def apart(rows: Tensor) -> Tensor:
     return rows.unflatten(1, (-1, rows.shape[-1]))
 
 
-def _scales(names: Mapping[str, Scale], dtype: torch.dtype) -> Tensor:
-    return torch.tensor([(each.middle, each.spread) for each in names.values()], dtype=dtype).T
+def _scales(names: Mapping[str, Scale], like: Tensor) -> Tensor:
+    return torch.tensor([(each.middle, each.spread) for each in names.values()], dtype=like.dtype, device=like.device).T
 
 
 def likeness(made: Tensor, objects: Tensor) -> float:

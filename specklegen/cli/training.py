@@ -96,7 +96,9 @@ def train(
     media_group: Annotated[
         int, typer.Option(min=1, help="Samples of a stream that share a medium, where each has one of its own.")
     ] = 8,
-    device: Annotated[str, typer.Option(help="Torch device.")] = "cpu",
+    device: Annotated[
+        str, typer.Option(help="Torch device; without --workers it renders the stream, too, but not --law.")
+    ] = "cpu",
     seed: Seed = 0,
     changes: Set = None,
     images: Images = None,
@@ -144,7 +146,8 @@ def train(
         if law and settings.input != "periodogram":
             reject("train --input", "periodogram with --law, which draws nothing else", settings.input)
         shown = _shown(recipe, media_group, law)
-        material = _of_recipe(recipe, shown, settings, out, validation_samples, until, workers)
+        renders = "cpu" if workers or law else device
+        material = _of_recipe(recipe, shown, settings, out, validation_samples, until, workers, renders)
     few = min(_TABLED, len(material.held_out.targets))
     beside = Beside(
         batches_of(material.source, few, seed, "validation", _TABLED // 8),
@@ -216,9 +219,9 @@ def _shown(recipe: "Recipe", media_group: int, law: bool) -> "Renderable":
 
 def _of_recipe(
     recipe: "Recipe", shown: "Renderable", settings: "Training", out: Path, asked: int, until: float | None,
-    workers: int,
+    workers: int, device: str,
 ) -> _Material:  # fmt: skip
-    """Stream what is shown for training, and render validation images: as many as asked for, or until a time.
+    """Stream what is shown for training, from a device, and render validation images: as many as asked, or for a time.
 
     A run that goes on has as many of them as before.
     """
@@ -226,7 +229,10 @@ def _of_recipe(
     from specklegen.models.learning.examples import examples, streamed
 
     seed, target = settings.seed, settings.target
-    data = streamed(SpeckleStream(shown, seed=seed, batch_size=settings.batch_size), settings.input, workers, target)
+    stream = SpeckleStream(shown, seed=seed, batch_size=settings.batch_size, device=device)
+    if device != "cpu":
+        typer.echo(f"training images are made on: {device}")
+    data = streamed(stream, settings.input, workers, target)
     before = rendered_before(out, asked)
     held_out = examples(
         recipe, settings.input, before or asked, seed, "validation", target, None if before else until
