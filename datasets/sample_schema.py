@@ -10,6 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from pydantic import field_validator, model_validator
 
+from specklegen.core.arguments import on_host
 from specklegen.core.errors import reject
 from specklegen.core.values import Value
 
@@ -136,10 +137,6 @@ def named_file(names: Sequence[str], parameters: Mapping[str, float]) -> dict[st
     return {"file": names[number] if number >= 0 else ""}
 
 
-def _on_host(column: Any) -> np.ndarray:
-    return np.asarray(column.cpu() if hasattr(column, "cpu") else column)
-
-
 def _is_finite(column: Any) -> bool:
     if hasattr(column, "isfinite"):  # a tensor: looked at where it lies, which may be a device
         return bool(column.isfinite().all())
@@ -160,12 +157,12 @@ def require_finite(sample: Mapping[str, Any], recipe: Renderable, seed: int, spl
     for name, column, is_parameter in arrays + drawn:
         if _is_finite(column):
             continue
-        value = _on_host(column)
+        value = np.asarray(on_host(column))
         spec = recipe.layout().get("parameters")
         free = is_parameter and spec is not None and name in spec.unbounded
         good = ~np.isnan(value) if free else np.isfinite(value)
         if not good.all():
-            index = np.atleast_1d(_on_host(sample["index"]))
+            index = np.atleast_1d(on_host(sample["index"]))
             rows = good.reshape(len(index), -1)
             worst = int(rows.all(1).argmin())
             bad = value.reshape(rows.shape)[worst][~rows[worst]][0]

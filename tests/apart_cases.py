@@ -9,10 +9,20 @@ from typer.testing import CliRunner
 from specklegen.cli.commands import app
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.recipes import generator
-from specklegen.models import metrics
+from specklegen.models import (
+    Optics,
+    bootstrap,
+    joint_objects,
+    judge_photograph,
+    load_solver,
+    metrics,
+    reconstruct_and_assess,
+    turn_of,
+)
 from specklegen.models.judging.evaluation import evaluate
 from specklegen.models.learning.examples import examples, streamed
 from specklegen.models.learning.inputs import FEATURES, INPUTS, network_input
+from specklegen.models.learning.measurement import measured
 from specklegen.models.learning.reconstructor import Reconstructor, load_pretrained
 from specklegen.models.learning.targets import TARGETS
 from specklegen.models.learning.training import Training, train
@@ -39,6 +49,7 @@ ASKED = {
     "object": "through-slab", "label": "through-slab", "material": "material-regression", "range": "unknown-slab",
     "motion": "lsci-slab", "contrast": "flow-vessel",
 }  # fmt: skip
+RECIPE, OPTICS = load_recipe("through-slab", FEW), Optics(3.0, 3.0)
 kept: dict[tuple[str, str], dict] = {}
 
 
@@ -161,3 +172,23 @@ def test_methods_are_judged_on_batches_of_the_device():
     here, there = (each.values["the image"]["sharp"]["pearson"] for each in found)
     assert len(here) == len(batch["image"])
     np.testing.assert_allclose(there, here, rtol=1e-4)
+
+
+LOOKED_AT = {
+    "solver": lambda image, light: load_solver().solve(*measured(image, RECIPE)).image,
+    "turn": lambda image, light: turn_of(image["image"][:, None], light, OPTICS).spreads,
+    "joint": lambda image, light: joint_objects(image["image"], light, OPTICS).image,
+    "assessment": lambda image, light: reconstruct_and_assess(image["image"][:1, None], RECIPE).each[0].image,
+    "photograph": lambda image, light: judge_photograph(image["image"][0]).probability,
+    "interval": lambda image, light: bootstrap(image["image"].mean((1, 2)), torch.arange(4)).mean,
+}
+
+
+@pytest.mark.parametrize("what", LOOKED_AT)
+def test_images_of_the_device_can_be_looked_at(what):
+    """What computes on the host takes tensors from wherever they lie."""
+    here, there = (
+        LOOKED_AT[what](second_batch("through-slab", device), second_batch("through-slab", device)["object"].float())
+        for device in ("cpu", "apart")
+    )
+    np.testing.assert_array_equal(np.asarray(there), np.asarray(here))

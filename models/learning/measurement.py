@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from specklegen.core.arguments import on_host
 from specklegen.core.errors import reject
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.models.likelihood.likelihood import Optics
@@ -37,9 +38,9 @@ def measured(batch: Mapping[str, Any], recipe: HiddenObject) -> tuple[Periodogra
     name = next((name for name in ("image", "frames") if name in batch), None)
     if name is None:
         reject("measured batch", 'one with "image" or "frames"', sorted(batch))
-    images = torch.as_tensor(np.asarray(batch[name], np.float32))
+    images = torch.as_tensor(np.asarray(on_host(batch[name]), np.float32))
     images = images[:, None] if images.ndim == 3 else images
-    drawn = {key: np.asarray(value, np.float64) for key, value in batch["parameters"].items()}
+    drawn = {key: np.asarray(on_host(value), np.float64) for key, value in batch["parameters"].items()}
     step = torch.from_numpy(drawn["object_pitch"] / drawn["camera_pitch"])
     grain = torch.from_numpy(drawn["wavelength"] / drawn["width"] / drawn["camera_pitch"])
     memory = []

@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from specklegen.core.arguments import choice, flag, instance, real_tensor
+from specklegen.core.arguments import choice, flag, host_tensor, instance
 from specklegen.core.display.plot import Pictured, draw_stack
 from specklegen.core.errors import counted, reject
 from specklegen.core.shielded import shielded
@@ -110,7 +110,7 @@ def joint_objects(images: Tensor, objects: Tensor, optics: Optics) -> Joint:
     >>> joint_objects(images, objects, Optics(step=2.0, grain=3.0)).image.shape
     torch.Size([3, 16, 16])
     """
-    images, objects = real_tensor("joint_objects images", images), real_tensor("joint_objects objects", objects)
+    images, objects = host_tensor("joint_objects images", images), host_tensor("joint_objects objects", objects)
     if images.ndim != 3 or objects.ndim != 3 or len(images) != len(objects) or len(images) < 2:
         reject("joint_objects images, objects", "[N, H, W] and [N, h, w], N at least 2",
                (tuple(images.shape), tuple(objects.shape)))  # fmt: skip

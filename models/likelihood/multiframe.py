@@ -26,7 +26,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from specklegen.core.arguments import positive_number, real_number, real_tensor, whole_number
+from specklegen.core.arguments import host_tensor, positive_number, real_number, whole_number
 from specklegen.core.display.plot import Pictured, draw_stack
 from specklegen.core.errors import counted, reject
 from specklegen.core.random_streams import Seed, seed_words
@@ -142,7 +142,7 @@ def multiframe_deconvolution(
     torch.Size([3, 12, 12])
     """
     owner = "multiframe_deconvolution"
-    images = real_tensor(f"{owner} images", images)
+    images = host_tensor(f"{owner} images", images)
     size, starts = whole_number(f"{owner} size", size, 2), whole_number(f"{owner} starts", starts, 1, _MOST)
     sigma = None if sigma is None else positive_number(f"{owner} sigma", sigma)
     words = seed_words(seed)

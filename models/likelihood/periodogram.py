@@ -14,7 +14,7 @@ from typing import NamedTuple, Self
 import torch
 from torch import Tensor
 
-from specklegen.core.arguments import positive_number, real_number, real_tensor, whole_number
+from specklegen.core.arguments import host_tensor, positive_number, real_number, whole_number
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.models.retrieval.autocorrelation import envelope
@@ -100,7 +100,7 @@ def periodogram(
     >>> periodogram(torch.rand(2, 1, 64, 64), tile=32).shape  # four tiles of each image, of 32 x 32 pixels
     (32, 32)
     """
-    real_tensor("periodogram images", images)
+    images = host_tensor("periodogram images", images)
     if tile is not None:
         tile = whole_number("periodogram tile", tile, 8)
     background, electrons, read_noise = (

@@ -23,7 +23,7 @@ import torch
 from scipy.signal.windows import tukey
 from torch import Tensor
 
-from specklegen.core.arguments import choice, flag, instance, real_array, real_tensor
+from specklegen.core.arguments import choice, flag, host_tensor, instance, real_array
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.models.likelihood.likelihood import BAND, Optics, each_of
@@ -98,7 +98,7 @@ def turn_of(images: Tensor, objects: Tensor, optics: Optics, noise: Tensor | flo
 
 def third_moments(images: Tensor, objects: Tensor, optics: Optics, noise: Tensor | float = 0.0) -> Tensor:
     """Return what :func:`turn_of`, which see, tells the turn by, and the larger skewness of Y, float64[B, 2]."""
-    images, objects = real_tensor("turn_of images", images), real_tensor("turn_of objects", objects)
+    images, objects = host_tensor("turn_of images", images), host_tensor("turn_of objects", objects)
     instance("turn_of optics", optics, Optics)
     choice("Optics.profile", optics.profile, PROFILES)
     flag("Optics.pixel_integration", optics.pixel_integration)
@@ -114,7 +114,7 @@ def third_moments(images: Tensor, objects: Tensor, optics: Optics, noise: Tensor
         each_of(f"Optics.{name}", getattr(optics, name), len(images), torch.float64).tolist()
         for name in ("step", "grain")
     )
-    given = real_tensor("turn_of noise", noise).detach().cpu().numpy() if isinstance(noise, Tensor) else noise
+    given = host_tensor("turn_of noise", noise).detach().numpy() if isinstance(noise, Tensor) else noise
     noises = real_array("turn_of noise", given)
     if noises.shape not in ((), (len(images),)) or not (np.isfinite(noises) & (noises >= 0)).all():
         reject("turn_of noise", f"finite and at least 0, one number or one for each of {len(images)} objects", noise)

@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from specklegen.core.arguments import instance, real_tensor, whole_number
+from specklegen.core.arguments import host_tensor, instance, whole_number
 from specklegen.core.display.plot import Pictured, draw_images
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, seed_words
@@ -192,7 +192,7 @@ class Scanned:
         RuleError
             If the spot is dark or negative somewhere, or places are not ``count`` pairs of whole numbers >= 0.
         """
-        light = real_tensor("scanned_object spot", spot).float()
+        light = host_tensor("scanned_object spot", spot).float()
         if light.ndim != 2 or not light.numel() or not ((light >= 0) & light.isfinite()).all() or not light.any():
             reject("scanned_object spot", "real[h, w], at least 0, of some light", tuple(spot.shape))
         known = instance("scanned_object places", places, Tensor)
@@ -245,18 +245,19 @@ class Seen:
         """Look at exposures; arguments and errors are those of :func:`scanned_object`."""
         owner = "scanned_object"
         instance(f"{owner} optics", optics, Optics)
-        real_tensor(f"{owner} images", images)
+        images = host_tensor(f"{owner} images", images)
         if images.ndim != 3 or not len(images):
             reject(f"{owner} images", "of shape [exposures, rows, columns]", tuple(images.shape))
         n, scan = len(images), Scanned.of(spot, places, len(images))
         h, w = scan.spot.shape
         sides = (2 * h - 1, 2 * w - 1)
-        if tuple(real_tensor(f"{owner} memory_effect", memory_effect).shape) != sides:
+        memory_effect = host_tensor(f"{owner} memory_effect", memory_effect)
+        if tuple(memory_effect.shape) != sides:
             reject(f"{owner} memory_effect", f"of shape {sides}, for the spot's lags", tuple(memory_effect.shape))
         steps = each_of("Optics.step", optics.step, n, torch.float64)
         tile = max(8, int(np.ceil(_TILE * max(h, w) * float(steps.max()))))
         seen = periodogram(images[:, None], tile=tile, background=background, electrons=electrons)
-        given = (images - background).mean((-2, -1)) if light is None else real_tensor(f"{owner} light", light)
+        given = (images - background).mean((-2, -1)) if light is None else host_tensor(f"{owner} light", light)
         if given.shape != (n,) or not ((given > 0) & given.isfinite()).all():
             reject(f"{owner} light", f"{n} numbers above 0", given)
         single = seen._replace(power=seen.power.float(), noise=seen.noise.float())

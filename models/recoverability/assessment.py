@@ -14,7 +14,7 @@ import torch
 from scipy.special import polygamma
 from torch import Tensor
 
-from specklegen.core.arguments import flag, instance, whole_number
+from specklegen.core.arguments import flag, host_tensor, instance, whole_number
 from specklegen.core.display.plot import SHOWN, Pictured, draw_images
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
@@ -276,6 +276,7 @@ def reconstruct_and_assess(
         images = stack[None] if frames else stack[:, None]
     elif frames:
         reject("reconstruct_and_assess frames", "False of a tensor, whose second axis numbers frames", frames)
+    images = host_tensor("reconstruct_and_assess images", images)
     if images.ndim != 4 or not images.numel():
         reject("reconstruct_and_assess images", "of shape [objects, frames, rows, columns]", tuple(images.shape))
     own = setup_of(setup)

@@ -7,7 +7,7 @@ reads like any other broken rule.
 import os
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -221,7 +221,7 @@ def complex_array(field: str, value: ArrayLike) -> np.ndarray:
 
 def _array(field: str, value: ArrayLike, kind: type[np.inexact]) -> np.ndarray:
     try:
-        array = np.asarray(value)
+        array = np.asarray(on_host(value))
         lost = array.dtype.kind == "c" and kind is np.float64  # imaginary parts
         if not lost and array.dtype.kind not in "SUmMV":
             return array.astype(kind, copy=False)
@@ -243,6 +243,16 @@ def together(owner: str, **arrays: np.ndarray) -> tuple[np.ndarray, ...]:
     except ValueError:
         shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
         raise RuleError(f"{owner} {' and '.join(arrays)} must be of shapes that go together; got {shapes}.") from None
+
+
+def on_host(value: Any) -> Any:
+    """Return a tensor of a device as one of the host, which arrays can be made of; anything else as it is."""
+    return value.cpu() if hasattr(value, "cpu") and hasattr(value, "device") else value
+
+
+def host_tensor(field: str, value: object) -> "Tensor":
+    """Return a torch tensor of real numbers on the host; see :func:`real_tensor`."""
+    return real_tensor(field, value).cpu()
 
 
 def real_tensor(field: str, value: object) -> "Tensor":
@@ -269,7 +279,7 @@ def finite_numbers(field: str, value: ArrayLike, dimensions: int | None = None) 
         If it holds something else, or has another number of dimensions.
     """
     try:
-        array = np.asarray(value)
+        array = np.asarray(on_host(value))
     except (TypeError, ValueError, RuntimeError):
         reject(field, "an array of numbers", value)
     if array.dtype.kind not in "iufc":

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from specklegen.core.arguments import on_host
 from specklegen.core.errors import counted, reject
 from specklegen.instrument.frames import MOST_PIXELS, read_frames
 from specklegen.measured.array_files import read_hdf5, read_matlab
@@ -108,7 +109,7 @@ def _in_range(field: str, frames: np.ndarray) -> np.ndarray:
 
 def _array(field: str, source: object) -> np.ndarray:
     try:
-        array = np.asarray(source)
+        array = np.asarray(on_host(source))
     except (TypeError, ValueError, OverflowError, RuntimeError):  # the last of torch, of what has gradients
         reject(field, "files, or an array of numbers", type(source).__name__)
     if array.dtype.kind not in "buif" or array.ndim not in (2, 3) or not array.size:

@@ -70,7 +70,9 @@ class Correlation(Protocol):
         ...
 
 
-def by_distance(correlations: Correlations, dx: torch.Tensor, dy: torch.Tensor) -> torch.Tensor:
+def by_distance(
+    correlations: Callable[[torch.Tensor], torch.Tensor], dx: torch.Tensor, dy: torch.Tensor
+) -> torch.Tensor:
     """K float64[k, ny, nx] of one medium, isotropic, on grids: each distance is asked once.
 
     K takes the time there.
