@@ -1,5 +1,7 @@
 """What a user does on a device, on one that is none of the host's (:mod:`apart`); run by test_apart.py in a process."""
 
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 import torch
@@ -192,3 +194,46 @@ def test_images_of_the_device_can_be_looked_at(what):
         for device in ("cpu", "apart")
     )
     np.testing.assert_array_equal(np.asarray(there), np.asarray(here))
+
+
+@contextmanager
+def set_by_a_program(name):
+    """What many programs begin with; the other way at the end."""
+    dtype, device = torch.get_default_dtype(), torch.get_default_device()
+    try:
+        if name == "device":
+            torch.set_default_device("apart")
+        else:
+            torch.set_default_dtype(getattr(torch, name))
+        yield
+    finally:
+        torch.set_default_dtype(dtype)
+        torch.set_default_device(device)
+
+
+def trained(folder):
+    data, held_out = (
+        examples(RECIPE, "autocorrelation", count, split=split) for count, split in ((8, "train"), (4, "validation"))
+    )
+    return train(Training(width=4, epochs=1, batch_size=4), data, held_out, folder)(held_out.inputs.float())
+
+
+def everything(folder):
+    """What networks, solvers, verdicts and training find."""
+    image, other = second_batch("through-slab", "cpu"), second_batch("unknown-slab", "cpu")
+    found = {what: look(image, image["object"].float()) for what, look in LOOKED_AT.items()}
+    return found | {"network": load_pretrained().reconstruct(other), "trained": trained(folder)}
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    return everything(tmp_path_factory.mktemp("plain"))
+
+
+@pytest.mark.parametrize("name", ["device", "float64", pytest.param("bfloat16", marks=pytest.mark.slow)])
+def test_what_a_program_has_set_is_no_argument(name, expected, tmp_path):
+    """The same bits; they raised."""
+    with set_by_a_program(name):
+        found = everything(tmp_path)
+    for what, value in found.items():
+        np.testing.assert_array_equal(np.asarray(value), np.asarray(expected[what]), err_msg=what)

@@ -16,6 +16,7 @@ from scipy.fft import next_fast_len
 from torch import Tensor
 
 from specklegen.core.errors import reject
+from specklegen.core.shielded import shielded
 from specklegen.models.learning.exposures import exposures_input
 from specklegen.models.learning.local_contrast import local_contrast_input
 from specklegen.models.likelihood.likelihood import BAND, lag_transforms
@@ -297,6 +298,7 @@ def steps_of(batch: Mapping[str, Any]) -> Tensor:
     return batch["parameters"]["object_pitch"] / batch["parameters"]["camera_pitch"]
 
 
+@shielded()
 def network_input(batch: Mapping[str, Any], kind: str) -> Tensor:
     """Turn a batch into a network's input.
 

@@ -25,6 +25,7 @@ from torch import Tensor
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, seed_words
+from specklegen.core.shielded import shielded
 from specklegen.models.learning.feedback import Measured
 from specklegen.models.learning.model_file import read_model
 from specklegen.models.learning.networks.flow import Flow
@@ -87,6 +88,7 @@ def load_prior() -> Flow:
     return read_prior(PRIOR)
 
 
+@shielded()
 def read_prior(path: Path) -> Flow:
     """Read a net that ``scripts/build/train_prior.py`` wrote.
 

@@ -13,6 +13,7 @@ from specklegen.core.arguments import whole_number
 from specklegen.core.devices import checked_device
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject
+from specklegen.core.shielded import plain_defaults
 from specklegen.models.learning.inputs import FEATURES, INPUTS, network_input
 from specklegen.models.learning.model_file import read_model, restored, rounded, write_model
 from specklegen.models.learning.networks import NETWORKS, build, network_content
@@ -63,6 +64,7 @@ class Reconstructor:
         stated = {name: getattr(self, name) for name in ("name", "input", "target", "side", "shape", "width")}
         return summary(self, **stated, device=str(self.device))
 
+    @plain_defaults()
     def __call__(self, inputs: Tensor) -> Tensor:
         """Answer to prepared inputs float32[B, ...]: brightness 0 to 1, float32[B, h, w], or a row float32[B, 1, K]."""
         self.network.eval()
@@ -166,15 +168,15 @@ def _network_of(stated: Mapping[str, Any], weights: Mapping[str, Tensor], path: 
         for name in ("width", "side"):
             whole_number(f"model {name}", stated[name], 1, 2**16)
         rows, columns = (whole_number("model shape", n, 1, 2**16) for n in stated["shape"])
-        with torch.device("meta"):
-            promised = build(stated["name"], stated["side"], (rows, columns), stated["width"], seed=0).state_dict()
+        kind = stated["name"], stated["side"], (rows, columns), stated["width"]
+        promised = build(*kind, seed=0, device="meta").state_dict()
         fits = {key: value.shape for key, value in promised.items()} == {k: w.shape for k, w in weights.items()}
         known = stated["input"] in [*INPUTS, *FEATURES] and stated.get("target", "object") in TARGETS
     except (KeyError, TypeError, ValueError, RuntimeError):
         fits = known = False
     if not (fits and known):
         reject("model", "a file whose weights are those of the network that it states", path)
-    network = build(stated["name"], stated["side"], (rows, columns), stated["width"], seed=0)
+    network = build(*kind, seed=0)
     network.load_state_dict(dict(weights))
     return network
 

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from specklegen.core.errors import reject
+from specklegen.core.shielded import plain_defaults
 from specklegen.core.whole_files import write_whole
 from specklegen.models.learning.examples import Examples, mirrored
 from specklegen.models.learning.losses import Loss
@@ -108,6 +109,7 @@ class Run:
             return True
         return False
 
+    @plain_defaults()
     def take_step(self, inputs: Tensor, targets: Tensor, loss_of: Loss, rate: float) -> None:
         """One step of the optimiser at a share of the learning rate."""
         training, self.stepping, begun = self.training, True, time.perf_counter()

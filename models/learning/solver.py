@@ -19,6 +19,7 @@ from specklegen.core.arguments import instance, whole_number
 from specklegen.core.display.repr import short, summary
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
+from specklegen.core.shielded import shielded
 from specklegen.models.learning.feedback import EXTENT, LAGS
 from specklegen.models.learning.few_points import few_points
 from specklegen.models.learning.model_file import read_model, restored, rounded, write_model
@@ -120,6 +121,7 @@ class Solver:
     def __repr__(self) -> str:
         return summary(self, frame=self.network.frame, side=self.network.side, stages=self.network.count)
 
+    @shielded()
     def solve(self, seen: Periodogram, optics: Optics, memory: Sequence[MemoryEffect], *, seed: Seed = 0) -> Solution:
         """Reconstruct objects from their periodograms.
 
@@ -180,6 +182,7 @@ class Solver:
         log = -seen.looks * likelihood.frequencies * least_deviance
         return Solution(centred(image), centred(near), least_deviance, log, probability, evidence, count)
 
+    @shielded()
     def posterior(
         self, seen: Periodogram, optics: Optics, memory: Sequence[MemoryEffect], *, draws: int = 8, seed: Seed = 0,
         solved: Solution | None = None,
@@ -248,6 +251,7 @@ class Solver:
         write_model(Path(path), stated, kept)
 
     @classmethod
+    @shielded()
     def load(cls, path: str | os.PathLike) -> Self:
         """Read a solver.
 

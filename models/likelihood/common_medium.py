@@ -82,6 +82,7 @@ class Joint(Pictured):
 
 
 @shielded()
+@shielded()
 def joint_objects(images: Tensor, objects: Tensor, optics: Optics) -> Joint:
     """Improve reconstructions of several objects by what their images through one medium have in common.
 

@@ -26,6 +26,7 @@ from torch import Tensor
 from specklegen.core.arguments import choice, flag, host_tensor, instance, real_array
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
+from specklegen.core.shielded import shielded
 from specklegen.models.likelihood.likelihood import BAND, Optics, each_of
 from specklegen.scene.window import PROFILES, Window
 
@@ -64,6 +65,7 @@ class Turn(NamedTuple):
     __repr__ = short
 
 
+@shielded()
 def turn_of(images: Tensor, objects: Tensor, optics: Optics, noise: Tensor | float = 0.0) -> Turn:
     """Tell which way up objects are from the third order of their camera images.
 
@@ -96,6 +98,7 @@ def turn_of(images: Tensor, objects: Tensor, optics: Optics, noise: Tensor | flo
     return Turn(moments < 0, (SLOPE * moments.abs()).sigmoid(), moments)
 
 
+@shielded()
 def third_moments(images: Tensor, objects: Tensor, optics: Optics, noise: Tensor | float = 0.0) -> Tensor:
     """Return what :func:`turn_of`, which see, tells the turn by, and the larger skewness of Y, float64[B, 2]."""
     images, objects = host_tensor("turn_of images", images), host_tensor("turn_of objects", objects)

@@ -19,6 +19,7 @@ from specklegen.core.display.plot import SHOWN, Pictured, draw_images
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
+from specklegen.core.shielded import shielded
 from specklegen.datasets.distributions import ends
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.materials import characterized_materials
@@ -221,6 +222,7 @@ class Findings(Pictured):
         axes.set_title(label or "")
 
 
+@shielded()
 def reconstruct_and_assess(
     images: Tensor | Measurement, setup: HiddenObject, *, frames: bool = False,
     memory_effect: MeasuredCurve | None = None, fit: bool | None = None, solver: Solver | None = None,

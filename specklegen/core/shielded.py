@@ -79,6 +79,26 @@ def shielded() -> Iterator[None]:
         yield
 
 
+@contextmanager
+def plain_defaults(device: str = "cpu") -> Iterator[None]:
+    """Context, and decorator, of what is no sample: tensors are made on the CPU, or a ``device``, in single precision.
+
+    Of the rest of the shield it has full precision in products; threads, gradients and autocast are the caller's.
+
+    Examples
+    --------
+    >>> import torch
+    >>> from specklegen.core.shielded import plain_defaults
+    >>> with torch.device("meta"), plain_defaults():
+    ...     torch.zeros(1).device
+    device(type='cpu')
+    """
+    import torch
+
+    with torch.device(device), _process_wide():
+        yield
+
+
 def shielded_steps(steps: Iterable[T]) -> Iterator[T]:
     """Yield what an iterable yields, each step of it made under the shield, the code between them not."""
     iterator, end = iter(steps), object()

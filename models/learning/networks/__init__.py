@@ -9,6 +9,7 @@ import torch
 from torch import nn
 
 from specklegen.core.errors import reject
+from specklegen.core.shielded import plain_defaults
 from specklegen.models.learning.networks.contrast_net import ContrastNet
 from specklegen.models.learning.networks.dense import DenseNet
 from specklegen.models.learning.networks.network import NETWORKS, Network, NetworkName, network_content
@@ -28,8 +29,12 @@ def parameter_count(network: nn.Module) -> int:
     return sum(p.numel() for p in network.parameters() if p.requires_grad)
 
 
-def build(name: str, side: int, shape: tuple[int, int], width: int, seed: int) -> nn.Module:
+def build(
+    name: str, side: int, shape: tuple[int, int], width: int, seed: int, device: str = "cpu"
+) -> nn.Module:
     """Make a network whose first weights are a function of the seed; the global generator is left as it was.
+
+    On the ``device`` "meta" it has no memory. Whatever the program around has set, weights are in single precision.
 
     Raises
     ------
@@ -38,6 +43,6 @@ def build(name: str, side: int, shape: tuple[int, int], width: int, seed: int) -
     """
     if name not in NETWORKS:
         reject("network", f"one of {', '.join(NETWORKS)}", name)
-    with torch.random.fork_rng(devices=[]):
+    with torch.random.fork_rng(devices=[]), plain_defaults(device):
         torch.manual_seed(seed)
         return NETWORKS[name](side=side, shape=tuple(shape), width=width)
