@@ -231,7 +231,8 @@ def _of_recipe(
     seed, target = settings.seed, settings.target
     stream = SpeckleStream(shown, seed=seed, batch_size=settings.batch_size, device=device)
     if device != "cpu":
-        typer.echo(f"training images are made on: {device}")
+        first = "; operators are compiled first, a minute or two (--workers 2 renders on the CPU)"
+        typer.echo(f"training images are made on: {device}{first if device.startswith('cuda') else ''}")
     data = streamed(stream, settings.input, workers, target)
     before = rendered_before(out, asked)
     held_out = examples(
