@@ -16,6 +16,7 @@ on the versions of libraries, which are kept with them; other versions are said.
 
 import gc
 import json
+import os
 import sys
 from argparse import ArgumentParser
 from collections import Counter
@@ -37,6 +38,7 @@ from specklegen.datasets import load_recipe
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.volume_tracer import VolumeTracer
 
+os.environ["SPECKLEGEN_PILOTS"] = "anew"  # what another run has found would be read, not planned
 KEPT = Path(__file__).with_suffix(".json")
 ALLOWED = 1.03
 Job = Callable[[int], object]

@@ -33,12 +33,16 @@ def arithmetic() -> str:
     return f"{sorted(library_versions().items())} {platform.machine()} {get_host_cpu_name()} {chosen}"
 
 
-@lru_cache(maxsize=1)
-def package_digest() -> str:
-    """SHA-256, in hexadecimal, of every file of this package, of its data too, and of their names."""
+@lru_cache(maxsize=2)
+def package_digest(*left_out: str) -> str:
+    """SHA-256, in hexadecimal, of every file of this package, of its data too, and of their names.
+
+    Folders of the package that are ``left_out`` do not count.
+    """
     root, digest = Path(__file__).parents[1], hashlib.sha256()
     for folder, inner, names in os.walk(root, followlinks=True):  # of a clone: two of its folders are links
-        inner[:] = sorted(name for name in inner if name != "__pycache__")
+        without = {"__pycache__", *(left_out if Path(folder) == root else ())}
+        inner[:] = sorted(name for name in inner if name not in without)
         for file in (Path(folder, name) for name in sorted(names)):
             content = file.read_bytes()
             digest.update(f"{file.relative_to(root)} {len(content)} ".encode() + content)

@@ -6,6 +6,7 @@ import numpy as np
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import RuleError
+from specklegen.core.kept_results import kept_result
 from specklegen.core.values import remembered
 from specklegen.mean.field import mean_field
 from specklegen.paths.pilot import scene_pilot
@@ -38,7 +39,8 @@ def mean_decision(scene: Scene, mean: bool, tolerance: float, reverse: bool = Fa
     if lock_step_obstacle(scene):
         return _volume_mean_decision(scene, tolerance, reverse)
     pilot = scene_pilot(scene.at_rest, False)
-    ratio = _strongest_mean(scene) / max(pilot.intensity, 1e-300)
+    strongest = kept_result(float, ("strongest mean", scene), lambda: _strongest_mean(scene))
+    ratio = strongest / max(pilot.intensity, 1e-300)
     decision = _mean_left_out(ratio, tolerance)
     if ratio > tolerance and not scene.illumination.coherent:
         return replace(decision, reason=_NO_BALLISTIC_IMAGE.format(_WHOSE[scene.illumination.type], ratio))
@@ -77,8 +79,12 @@ def _volume_mean_decision(scene: Scene, tolerance: float, reverse: bool) -> Deci
     """The same in any geometry, judged at every view for at most eight of the lights, where that is cheap."""
     if not scene.illumination.coherent:
         return Decision(_MEAN, False, "not asked for")
+
+    def at_few_lights() -> float:
+        return float(np.square(np.abs(mean_field(few_lights(scene, 8), most_nodes=_CHEAP))).max(initial=0.0))
+
     try:
-        strongest = float(np.square(np.abs(mean_field(few_lights(scene, 8), most_nodes=_CHEAP))).max(initial=0.0))
+        strongest = kept_result(float, ("strongest mean in a volume", scene), at_few_lights)
     except RuleError as refused:
         return Decision(_MEAN, False, f"not asked for, and not judged: {refused}")
     return _mean_left_out(strongest / max(scene_pilot(scene, reverse).intensity, 1e-300), tolerance)

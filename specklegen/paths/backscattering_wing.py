@@ -16,6 +16,7 @@ excess is a fifth to all of this bound for anisotropies from -0.9 to 0.99 and op
 
 import numpy as np
 
+from specklegen.core.kept_results import kept_result
 from specklegen.core.quadrature import gauss_legendre
 from specklegen.core.values import remembered
 from specklegen.scene.scatterers import Dimensions, Scatterer
@@ -42,6 +43,14 @@ def excess_bound(
     distance
         |i + v| of the pair of light and view that is nearest to backscattering, at most 2.
     """
+    given = scatterer, dimensions, turns, optical_depth, albedo, distance
+    return kept_result(float, ("reversed paths", *given), lambda: _excess_bound(*given))
+
+
+def _excess_bound(
+    scatterer: Scatterer, dimensions: Dimensions, turns: float, optical_depth: float, albedo: float, distance: float
+) -> float:
+    """Integrals of :func:`excess_bound`."""
     phase = 2 * np.pi * turns * distance
     if not phase > 1e-3 or optical_depth == 0:
         return 1.0

@@ -5,11 +5,13 @@ view factors, samplers) biases no result. No unit of length sways it.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from specklegen.core.decision import Decision
+from specklegen.core.kept_results import kept_result
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
@@ -31,13 +33,15 @@ _Powers = list[tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
-class Pilot:
-    """What a pilot says of a scene.
+class PilotNumbers:
+    """What the paths of a pilot say, in numbers and words: kept between processes.
 
     Attributes
     ----------
-    tracer : Tracer
-    bank : PathBank
+    events : int
+        Scattering events of the first paths.
+    connections : int
+        Connections of them that were kept.
     moments : PathMoments
         Of a path's weights, at the worst of a few lights and views. Where rare paths carry the variance, more are
         traced for it (:func:`specklegen.paths.rare_paths`). It is at least what absorption makes it where too few paths
@@ -52,26 +56,66 @@ class Pilot:
         What the rules of pilots say: rare paths, dark views.
     """
 
-    tracer: Tracer
-    bank: PathBank
+    events: int
+    connections: int
     moments: PathMoments
     intensity: float
     multiple_share: float
     missed_variance: float
     decisions: tuple[Decision, ...]
 
+
+@dataclass(frozen=True)
+class FirstPaths:
+    """The first paths of a pilot, traced where they are looked at.
+
+    Attributes
+    ----------
+    tracer : Tracer
+    seed : int
+        Of the scene.
+    """
+
+    tracer: Tracer
+    seed: int
+
+    @cached_property
+    def bank(self) -> PathBank:
+        """Their connections."""
+        return self.tracer.trace(self.seed, PILOT_PATHS, stream=Stream.PILOT, threads=1)
+
+
+@dataclass(frozen=True)
+class Pilot(PilotNumbers):
+    """What a pilot says of a scene, and the tracer of its paths.
+
+    Attributes
+    ----------
+    tracer : Tracer
+    first : FirstPaths
+        Of a film those of its rest.
+    """
+
+    tracer: Tracer
+    first: FirstPaths
+
     event: ClassVar[str] = "event"
     """Name of the operation that a scattering event of these paths is."""
 
     @property
+    def bank(self) -> PathBank:
+        """Connections of the first paths."""
+        return self.first.bank
+
+    @property
     def events_per_path(self) -> float:
         """Scattering events a path."""
-        return self.bank.events / max(self.bank.count, 1)
+        return self.events / PILOT_PATHS
 
     @property
     def connections_per_path(self) -> float:
         """Connections kept a path."""
-        return len(self.bank) / max(self.bank.count, 1)
+        return self.connections / PILOT_PATHS
 
 
 def scene_pilot(scene: Scene, reverse: bool) -> Pilot:
@@ -90,8 +134,15 @@ def pilot_by_walk(scene: Scene, reverse: bool, any_geometry: bool) -> Pilot:
     tracer: Tracer = volume_tracer(scene, reverse) if any_geometry else slab_tracer(scene, reverse)
     if scene.film:
         return replace(pilot_by_walk(scene.at_rest, reverse, any_geometry), tracer=tracer)
-    seed = pilot_seed(scene.unitless_fingerprint())
-    bank = tracer.trace(seed, PILOT_PATHS, stream=Stream.PILOT, threads=1)
+    first = FirstPaths(tracer, pilot_seed(scene.unitless_fingerprint()))
+    about = ("pilot", scene, reverse, any_geometry)
+    numbers = kept_result(PilotNumbers, about, lambda: _numbers(scene, reverse, first))
+    return Pilot(**vars(numbers), tracer=tracer, first=first)
+
+
+def _numbers(scene: Scene, reverse: bool, first: FirstPaths) -> PilotNumbers:
+    """What the first paths say, and as many more as it takes."""
+    tracer, bank = first.tracer, first.bank
     powers = _powers(tracer, reverse, bank)
     means, share = [], 0.0
     for single, multiple in zip(*(weights for _, weights in powers), strict=True):
@@ -103,13 +154,15 @@ def pilot_by_walk(scene: Scene, reverse: bool, any_geometry: bool) -> Pilot:
     drawn = isinstance(tracer, SlabTracer) and tracer.across
     variances = () if drawn else crossing_variances(scene)
     missed_variance = min(variances, default=0.0)
-    moments = _sure(tracer, reverse, seed, bank, powers).stated()
+    moments = _sure(tracer, reverse, first.seed, bank, powers).stated()
     moments = replace(moments, relative_variance=max(moments.relative_variance, missed_variance))
     dark = dark_views(variances, np.array(means))
     shadow = Decision("dark views", True, dark, doubt=True) if dark else None
     rules = rare_paths_decision(moments.effective_paths), shadow
     decisions = tuple(decision for decision in rules if decision)
-    return Pilot(tracer, bank, moments, float(max(means, default=0.0)), float(share), missed_variance, decisions)
+    return PilotNumbers(
+        bank.events, len(bank), moments, float(max(means, default=0.0)), float(share), missed_variance, decisions
+    )  # fmt: skip
 
 
 def _powers(tracer: Tracer, reverse: bool, bank: PathBank) -> _Powers:

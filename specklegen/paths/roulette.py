@@ -107,6 +107,18 @@ def cheapest_threshold(
 
 def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTracer:
     """Set the threshold of a slab's tracer from a pilot under one light, at the views by which it judges."""
+    return judging(tracer, slab_threshold(tracer, light, seed))
+
+
+def judging(tracer: SlabTracer, threshold: float | None) -> SlabTracer:
+    """A slab's tracer with a threshold; as it is where there is None."""
+    if threshold is None:
+        return tracer
+    return replace(tracer, proposal=replace(tracer.proposal, threshold=threshold))
+
+
+def slab_threshold(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> float | None:
+    """Threshold of :func:`slab_roulette`; None where no path of the pilot has a connection."""
     fitting = int(_SLAB_CONNECTIONS / (tracer.events_per_path * max(len(tracer.proposal.probes), 1)))
     layout = tracer.layout.at(light, tracer.proposal.probes)
     at_once = max(_LEAST_AT_ONCE, int(_EVENTS_AT_ONCE / tracer.events_per_path))
@@ -120,9 +132,8 @@ def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTrac
     found, paths = np.concatenate([w for w, _ in parts], axis=1), np.concatenate([owners for _, owners in parts])
     del parts
     if len(paths) == 0:
-        return tracer
-    threshold = cheapest_threshold(found.max(axis=0), found, paths, count, _SLAB_EVENT)
-    return replace(tracer, proposal=replace(tracer.proposal, threshold=threshold))
+        return None
+    return cheapest_threshold(found.max(axis=0), found, paths, count, _SLAB_EVENT)
 
 
 def volume_roulette(tracer: VolumeTracer, seed: Seed) -> VolumeTracer:

@@ -6,6 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from specklegen.core.errors import reject
+from specklegen.core.kept_results import kept_result
 from specklegen.core.parallel import Threads
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
@@ -14,7 +15,14 @@ from specklegen.paths.faces import require_reflection
 from specklegen.paths.far_field import middle_light
 from specklegen.paths.layout import Layout, plane_layout, scene_layout
 from specklegen.paths.phase_tables import common_lobe
-from specklegen.paths.roulette import between_probes, slab_roulette, volume_roulette, with_capacity
+from specklegen.paths.roulette import (
+    between_probes,
+    judging,
+    slab_roulette,
+    slab_threshold,
+    volume_roulette,
+    with_capacity,
+)
 from specklegen.paths.slab_tracer import (
     SlabTracer,
     beam_proposal,
@@ -118,7 +126,11 @@ def _judging(scene: Scene, reverse: bool, turned: bool) -> SlabTracer:
     tracer = SlabTracer(layout, scene.slab, proposal)
     if not len(views) or not len(scene.beams.directions):
         return tracer
-    return slab_roulette(tracer, proposal.reference, pilot_seed(scene.unitless_fingerprint()))
+    seed = pilot_seed(scene.unitless_fingerprint())
+    about = ("threshold of a slab", scene, reverse, turned)
+    return judging(
+        tracer, kept_result(float | None, about, lambda: slab_threshold(tracer, proposal.reference, seed))
+    )
 
 
 @remembered(32)
@@ -144,7 +156,13 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
         max_order=default_max_order(scene.volume),
     )
     seed = pilot_seed(scene.unitless_fingerprint())
-    return with_capacity(tracer if layout.views.near else _spared(volume_roulette(tracer, seed), scene))
+
+    def roulette() -> tuple[float, float]:
+        ready = with_capacity(tracer if layout.views.near else _spared(volume_roulette(tracer, seed), scene))
+        return ready.threshold, ready.capacity
+
+    threshold, capacity = kept_result(tuple[float, float], ("roulette of a volume", scene, reverse), roulette)
+    return replace(tracer, threshold=threshold, capacity=capacity)
 
 
 def _filming(tracer: Any, scene: Scene) -> Any:

@@ -186,7 +186,7 @@ class Material(Value):
 
     def known(self, slab: Slab) -> "CharacterizedMaterial":
         """Return a slab of this material with its correlation, found as the recipe says."""
-        return known(slab, self.kernel_paths, self.kernel, self.kernel_tolerance)
+        return known(slab, self.kernel_paths, self.kernel, self.kernel_tolerance, not self.varies)
 
     def labels(self, slab: Slab) -> dict[str, float]:
         """The numbers drawn for the particles of a slab, by "scatterer_" and their names."""
@@ -283,10 +283,15 @@ class CharacterizedMaterial:
 
 
 @lru_cache(maxsize=256)
-def known(slab: Slab, paths: int, source: KernelSource = "estimate", tolerance: float = 0.02) -> CharacterizedMaterial:
-    """Find a slab's correlation. It is a property of the material: its paths are keyed by the slab, not by a seed."""
-    if source == "atlas":
-        correlation = correlation_for(slab, paths=paths, tolerance=tolerance)
+def known(
+    slab: Slab, paths: int, source: KernelSource = "estimate", tolerance: float = 0.02, kept: bool = False
+) -> CharacterizedMaterial:
+    """Find a slab's correlation. It is a property of the material: its paths are keyed by the slab, not by a seed.
+
+    An estimate is ``kept`` on disk where it is that of all media, and not of one among many.
+    """
+    if source == "atlas" or kept:
+        correlation = correlation_for(slab, paths=paths, tolerance=tolerance if source == "atlas" else 0.0)
     else:
         correlation = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
     if not correlation.weights.any():

@@ -99,7 +99,7 @@ class PathSums(Sampler, name="paths"):
             one_by_one=pilot.tracer.layout.middle is not None,
         )
         doubt = far_field_decision(scene)
-        decisions = [decision, *([doubt] if doubt else []), *lit_elsewhere(scene, pilot.bank)]
+        decisions = [decision, *([doubt] if doubt else []), *(lit_elsewhere(scene, pilot.bank) if scene.film else [])]
         return cls(scene, work, pilot, request.reverse), decisions
 
     @property

@@ -1,6 +1,9 @@
 """Which summation sums a scene's connections on a regular grid: the NUFFT, in how many tiles, or the direct sum."""
 
+from dataclasses import dataclass
+
 from specklegen.core.decision import Decision
+from specklegen.core.kept_results import kept_result
 from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import one_blas_thread
 from specklegen.core.values import remembered
@@ -9,12 +12,22 @@ from specklegen.paths.pilot import Pilot, scene_pilot
 from specklegen.samplers.path_sums.cost import direct_operations, nufft_operations
 from specklegen.samplers.path_sums.direct import is_plain_slab
 from specklegen.samplers.path_sums.nufft import NufftPlan, build_nufft_plan, together
-from specklegen.samplers.path_sums.tiling import tilings
-from specklegen.samplers.path_sums.view_factor import constant_factor
+from specklegen.samplers.path_sums.tiling import Tiling, tilings
+from specklegen.samplers.path_sums.view_factor import ViewFactor, constant_factor
 from specklegen.scene.scene import Scene
 
 _PATHS = 100_000
 """For which costs are compared: a fixed number, so that every run of a scene sums its fields the same way."""
+
+
+@dataclass(frozen=True)
+class _Factors:
+    """A :class:`NufftPlan` without the grid and the tolerance, which are the scene's and the caller's."""
+
+    shape: tuple[int, int]
+    multiple: ViewFactor
+    single: ViewFactor | None
+    single_share: float
 
 
 @remembered(64)
@@ -24,11 +37,25 @@ def scene_nufft(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan | No
     Ever smaller tiles are tried until they cost more than the best before, or than the direct sum, be their rank as
     low as can be; None where none is possible within the tolerance and cheaper than that.
     """
+    about = ("view factors", scene, reverse, tolerance)
+    found = kept_result(_Factors | None, about, lambda: _factors(_cheapest_tiles(scene, reverse, tolerance)))
+    if found is None:
+        return None
+    return NufftPlan(Tiling(scene.grid, found.shape), found.multiple, found.single, found.single_share, tolerance)
+
+
+def _factors(best: NufftPlan | None) -> _Factors | None:
+    """What is kept of a plan."""
+    return None if best is None else _Factors(best.tiling.shape, best.multiple, best.single, best.single_share)
+
+
+def _cheapest_tiles(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan | None:
+    """Search of :func:`scene_nufft`."""
     pilot = scene_pilot(scene, reverse)
     layout = pilot.tracer.layout
     tilts = len(scene.beams.directions)
     rows, columns = scene.sensor.shape
-    per_path = len(pilot.bank) / max(pilot.bank.count, 1)
+    per_path = pilot.connections_per_path
     connections = _PATHS * per_path
     at_once = 1 if layout.middle is not None else tilts  # lights that see the same connections
 
@@ -53,7 +80,6 @@ def scene_nufft(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan | No
     return best
 
 
-
 def summation_decision(
     scene: Scene, pilot: Pilot, tolerance: float, reverse: bool
 ) -> tuple[NufftPlan | None, Decision]:
@@ -65,7 +91,7 @@ def summation_decision(
         return None, Decision(part, False, "polarised light is summed directly")
     if reverse:
         return None, Decision(part, False, "reversed paths are summed directly")
-    if len(pilot.bank) == 0:
+    if not pilot.connections:
         return None, Decision(part, False, "nothing scatters")
     nufft = scene_nufft(scene, reverse, tolerance)
     if nufft is None:

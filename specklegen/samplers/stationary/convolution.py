@@ -14,6 +14,7 @@ import numpy as np
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
+from specklegen.core.kept_results import kept_result
 from specklegen.core.lazy import LazyModule
 from specklegen.core.random_streams import pilot_seed
 from specklegen.core.values import remembered
@@ -124,6 +125,11 @@ def convolution_obstacle(scene: Scene) -> str | None:
 @remembered(64)
 def scene_loss(scene: Scene) -> tuple[float, float]:
     """1 - C_I between the farthest corners of a scene's object, and its standard error: of the atlas, or of a pilot."""
+    return kept_result(tuple[float, float], ("loss over an object", scene), lambda: _scene_loss(scene))
+
+
+def _scene_loss(scene: Scene) -> tuple[float, float]:
+    """What :func:`scene_loss` finds."""
     from specklegen.memory_effects.correlation import estimate_correlation
 
     light, slab = object_of(scene), as_slab(scene.slab)

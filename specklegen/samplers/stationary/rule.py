@@ -6,6 +6,7 @@ import numpy as np
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import RuleError, reject
+from specklegen.core.kept_results import kept_result
 from specklegen.core.values import remembered
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.flows import drifted, uneven_turn
@@ -186,15 +187,21 @@ def scene_stationary_error(
     envelope = scene_envelope(scene, oblique) if enveloped else None
     tracer = slab_tracer(scene, False, aside=False)
     most = MOST_PATHS if thorough else FIRST_PATHS
-    return stationary_error(
-        scene, tracer, tolerance, oblique=oblique, envelope=envelope, most=most, glance=glance
-    )
+    return kept_result(
+        StationaryError, ("stationary error", scene, tolerance, oblique, enveloped, thorough, glance),
+        lambda: stationary_error(
+            scene, tracer, tolerance, oblique=oblique, envelope=envelope, most=most, glance=glance
+        ),
+    )  # fmt: skip
 
 
 @remembered(64)
 def scene_envelope(scene: Scene, oblique: bool) -> Envelope | None:
     """The envelope of a scene about the axis, or about the middle of its beams and views."""
-    return pilot_envelope(scene, slab_tracer(scene, False, aside=False), oblique=oblique)
+    tracer = slab_tracer(scene, False, aside=False)
+    return kept_result(
+        Envelope | None, ("envelope", scene, oblique), lambda: pilot_envelope(scene, tracer, oblique=oblique)
+    )
 
 
 def scene_object_maps(scene: Scene) -> ObjectMaps | None:

@@ -7,13 +7,14 @@ image of a hidden object is a sum of images under maps that make up the envelope
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
 from specklegen.core.budgets import DEFAULT_PATHS
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
+from specklegen.core.kept_results import kept_result
 from specklegen.core.random_streams import Seed, pilot_seed, seed_words
 from specklegen.core.statistics import BATCHES
 from specklegen.core.values import remembered
@@ -154,7 +155,7 @@ class Stationary(Sampler, name="stationary"):
         if self.scene.hides_object:
             images = 1 if self.maps is None else self.maps.count  # each under its part of the envelope
             each = _expected_image(self.scene, self.complete).operations
-            return self._estimate() | {n: images * x for n, x in each.items()}
+            return self._estimate() | {n: images * x for n, x in each}
         grid = self.scene.grid
         x, y = stack_axes(self.scene, self.drift)
         tilts, views = len(self.scene.beams.directions), np.prod(grid.shape)
@@ -240,10 +241,11 @@ def _source(paths: int, tabulated: Errors | None) -> Decision:
     )  # fmt: skip
 
 
-class _ImageWork(NamedTuple):
+@dataclass(frozen=True)
+class _ImageWork:
     """Operations of the first image of an object, by their names, and bytes."""
 
-    operations: Mapping[str, float]
+    operations: tuple[tuple[str, float], ...]
     bytes: float
 
 
@@ -267,6 +269,11 @@ def object_of(scene: Scene) -> IncoherentObject:
 @remembered(16)
 def _expected_image(scene: Scene, complete: bool) -> _ImageWork:
     """What the image of a scene's object takes: its modes are counted with K of the atlas or a pilot, or one."""
+    return kept_result(_ImageWork, ("image of an object", scene, complete), lambda: _image_work(scene, complete))
+
+
+def _image_work(scene: Scene, complete: bool) -> _ImageWork:
+    """What :func:`_expected_image` finds."""
     from specklegen.memory_effects.correlation import estimate_correlation
     from specklegen.memory_effects.polarised_fields import estimate_polarised_correlation
     from specklegen.synthesis.objects import expected_image
@@ -282,11 +289,11 @@ def _expected_image(scene: Scene, complete: bool) -> _ImageWork:
         correlation = correlation or estimate_correlation(scene.slab, PILOT_PATHS, seed, threads=1)
     held = BYTES_A_PIXEL * light.brightness.size
     if not correlation.weights.any():  # which says nothing of modes
-        return _ImageWork({}, held)
+        return _ImageWork((), held)
     if complete:
         correlation = replace(correlation, radius=np.zeros_like(correlation.radius))
     operations, taken = expected_image(correlation, _sight(scene), lit)
-    return _ImageWork(operations, held + taken)
+    return _ImageWork(tuple(operations.items()), held + taken)
 
 
 def _sight(scene: Scene) -> "Sight":
