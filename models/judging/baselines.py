@@ -137,7 +137,7 @@ def katz(
         settings = retrieval or Retrieval()
         if settings.extent is None:
             settings = settings.replace(extent=max(batch["object"].shape[-2:]))
-        seen = seen_lags(batch, stated)
+        seen = seen_lags(batch, stated, None if recipe is None else recipe.profile)
         images = []
         for n, grains in enumerate(seen.grain.tolist()):
             lags = seen.lags[n : n + 1]
@@ -200,14 +200,14 @@ class SeenLags(NamedTuple):
     grain: Tensor
 
 
-def seen_lags(batch: Batch, camera: Stated = "unknown") -> SeenLags:
+def seen_lags(batch: Batch, camera: Stated = "unknown", profile: Profile | None = None) -> SeenLags:
     """Lags of the images of a batch; of films the mean over frames, taken as independent for the variance."""
     images = (batch["image"][:, None] if "image" in batch else batch["frames"]).double()
     flat = images / images.mean((-2, -1), keepdim=True)
     step, grain = steps_of(batch).double(), grain_pixels(batch).double()
     rows, columns = flat.shape[-2:]
     every = lag_means(flat - 1, (rows - 1, columns - 1))
-    every[..., 0, 0] -= camera_noise(images, (grain * step)[:, None], camera)
+    every[..., 0, 0] -= camera_noise(images, (grain * step)[:, None], camera, profile)
     every, variance = every.mean(1), lag_variance(images).mean(1) / images.shape[1]
     peak = every[..., 0, 0].clamp_min(torch.finfo(every.dtype).tiny)
     lags = resampled_lags(torch.fft.fftshift(every / peak[:, None, None], dim=(-2, -1)), step, FRAME)
