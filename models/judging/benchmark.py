@@ -8,6 +8,8 @@ chance scores, stand beside it.
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -17,16 +19,16 @@ from torch import Tensor
 from specklegen.core.arguments import whole_number
 from specklegen.core.content import content_digest
 from specklegen.core.errors import reject
+from specklegen.datasets.objects.scan import Scan
 from specklegen.datasets.recipes.hidden_object import CENTRE, HiddenObject
-from specklegen.models.judging import baselines
+from specklegen.models.judging import baselines, frames, pages
 from specklegen.models.judging.baselines import FRAME, Batch
-from specklegen.models.judging.chance import chance, partners
-from specklegen.models.judging.evaluation import evaluate
 from specklegen.models.judging.fitted import fitted
 from specklegen.models.judging.isolation import Failed, Isolated, Limits, arrays_of, copy_of
+from specklegen.models.judging.judged import judged
 from specklegen.models.judging.results import Failure, Results
 from specklegen.models.judging.secret import commitment, seed_of
-from specklegen.models.judging.tasks import SEED, Task, drawn_at, task
+from specklegen.models.judging.tasks import SEED, TASKS, Task, drawn_at, task
 from specklegen.models.learning.reconstructor import load_pretrained
 from specklegen.models.learning.solver import load_solver
 from specklegen.models.retrieval.autocorrelation import memory_effect_of
@@ -35,7 +37,7 @@ from specklegen.models.retrieval.phase_retrieval import Retrieval
 
 Function = Callable[[Batch], Any]
 """Of a blinded batch (:func:`blinded`) to brightness real[B, n, n], n at most 64, on the object's pitch, up to shift
-and 180-degree turn."""
+and 180-degree turn; of a page of exposures the page too, real[1, rows, columns]."""
 
 TOLD = ("label", "family", *CENTRE, "expected_contrast", "medium")
 """Parameters of a sample that tell of its object, or its number, of which the object is a function."""
@@ -50,14 +52,23 @@ BASELINES: dict[str, Callable[[HiddenObject], Function]] = {
     "Katz, C_I": lambda recipe: baselines.katz(_KATZ, recipe=recipe, seed=SEED),
     "packaged network": lambda recipe: baselines.network(load_pretrained()),
     "solver": lambda recipe: baselines.any_object(load_solver(), recipe, seed=SEED),
+    "Katz, even light": lambda recipe: baselines.on_even_light(baselines.katz(_KATZ, recipe=recipe, seed=SEED)),
+    "solver, even light": lambda recipe: baselines.on_even_light(
+        baselines.any_object(load_solver(), recipe, seed=SEED)
+    ),
     "untrained network": lambda recipe: baselines.network(baselines.untrained(load_pretrained(), seed=SEED)),
     "test-time fit": lambda recipe: fitted(recipe, seed=SEED),
     "multiframe": lambda recipe: baselines.together(recipe, seed=SEED),
+    "spots together": lambda recipe: pages.scanned(recipe, seed=SEED),
 }
-"""Name of a baseline to what makes it for a task. "Katz, C_I" and "solver" know C_I; network and solver were trained by
-this package's samples; the last three learn nothing."""
+"""Name of a baseline to what makes it for a task. "Katz, C_I", "Katz, even light" and the solvers know C_I; network and
+solver were trained by this package's samples, and the others have learned nothing but the mean image. "Even light" is
+an image over its fitted envelope."""
 
-OF_SOME: dict[str, Callable[[HiddenObject], bool]] = {"multiframe": lambda recipe: recipe.media_group > 2}
+OF_SOME: dict[str, Callable[[HiddenObject], bool]] = {
+    "multiframe": lambda recipe: recipe.media_group > 2,
+    "spots together": lambda recipe: isinstance(recipe.objects, Scan),
+}
 """Baselines that can do some tasks alone: which. From two images of a medium multiframe deconvolution says little."""
 
 
@@ -81,6 +92,8 @@ def blinded(batch: Batch, recipe: HiddenObject) -> dict[str, Any]:
         ``object`` float32[B, h, w], all zeros: its shape is known, not what it shows;
         ``medium`` int64[B], in tasks whose samples share media: those of one number are seen through one medium, at
         rest, one after the other; numbers are of the batch;
+        ``places`` int64[B, 2] and ``spot`` float32[h, w], of a page lit a spot at a time, whose exposures are the
+        batch: first row and column of the spot at each, and its brightness; ``parameters`` have their ``light``;
         ``memory_effect`` float64[B, FRAME], C_I of the medium between points 0, 1, 2, ... object pixels apart;
         ``parameters``, float64[B] each: ``object_pitch`` and ``camera_pitch`` (direction sines), ``wavelength``,
         ``width`` of the window, and the numbers of the medium, but nothing of the object.
@@ -92,7 +105,7 @@ def blinded(batch: Batch, recipe: HiddenObject) -> dict[str, Any]:
         own = {name: float(values[n]) for name, values in drawn.items()}
         correlation = material.known(material.slab_of(own)).correlation
         curves.append(memory_effect_of(correlation, own["wavelength"], own["object_pitch"])(np.arange(FRAME)))
-    seen = {name: batch[name] for name in ("image", "frames") if name in batch}
+    seen = {name: batch[name] for name in ("image", "frames", "places", "spot") if name in batch}
     if recipe.media_group > 1:  # numbered anew: of a medium's own number the object would be a function
         seen["medium"] = torch.unique(drawn["medium"], return_inverse=True)[1]
     return {
@@ -110,6 +123,7 @@ def benchmark(
     progress: Callable[[int, int], None] | None = None,
     limits: Limits | None = Limits(),  # noqa: B008
     secret: str | None = None,
+    measured: str | Path | None = None,
 ) -> Results:
     """Score reconstruction functions on the frozen tasks.
 
@@ -137,6 +151,9 @@ def benchmark(
         Words of an organiser, at least 16 characters: tasks are drawn at a seed that follows from them, which nobody
         else can render, and results state a commitment to them. Tasks whose images come with the package are left out.
         By default the seed is the benchmark's own.
+    measured
+        Folder of the clone that ``specklegen measured get hidden-shapes`` makes. By default there is none, and the task
+        of measured frames is skipped, which the tables say.
 
     Raises
     ------
@@ -161,9 +178,17 @@ def benchmark(
     bound = "" if secret is None else commitment(secret)
     seed = SEED if secret is None else seed_of(secret)
     drawn = drawn_at(bound)
-    chosen = [task(name) for name in tasks] if tasks is not None else drawn
+    fetched = [each for each in TASKS if each.fetched and not bound]
+    there = [] if measured is None or frames.missing(measured) else fetched
+    if measured is not None and not there:
+        reject("benchmark measured", f"a folder of {frames.SET}, at no secret seed", str(measured),
+               f"`specklegen measured get {frames.SET}` fetches it.")  # fmt: skip
+    chosen = [task(name) for name in tasks] if tasks is not None else drawn + there
     for each in chosen:
-        if each not in drawn:
+        if each in fetched and not there:
+            reject("benchmark tasks", "those whose files are there", each.name,
+                   f"`specklegen measured get {frames.SET}` fetches them; name the folder by measured.")  # fmt: skip
+        if each not in drawn + fetched:
             reject("benchmark tasks", "drawn by a seed, where it is secret", each.name)
     names = [each.name for each in chosen]
     if not names or len(set(names)) < len(names):
@@ -181,32 +206,38 @@ def benchmark(
     for number, (of, count) in enumerate(zip(chosen, counts, strict=True)):
         name, recipe, before = of.name, of.recipe(), sum(counts[:number])
         serving = [each for each in beside if each not in OF_SOME or OF_SOME[each](recipe)]
-        methods = own | {each: BASELINES[each](recipe) for each in serving}
+        methods = own | {each: _beside(each, of, recipe) for each in serving}
+        check = partial(_checked, pages=pages.shapes(recipe) if of.kind == "pages" else {})
         if not methods:
             reject("benchmark baselines", f"at least one that is of the task {name!r}", beside)
         with ExitStack() as stack:
             asked = {}
             for each, function in methods.items():
-                run = _here(function) if limits is None else Isolated(function, _checked, limits)
+                run = _here(function, check) if limits is None else Isolated(function, check, limits)
                 if isinstance(run, Isolated):
                     stack.callback(run.close)
                 asked[each] = _asked(name, each, run, recipe, failures, answers.setdefault((name, each), []))
-            batches = _told(of, count, seed, lambda done, before=before: tell(before + done, total))
-            evaluation, cases = evaluate(asked, batches, recipe.profile)
-        evaluations[name] = evaluation
-        partner = partners(evaluation.labels, evaluation.families)
-        objects = torch.from_numpy(np.stack([case.object for case in cases]))
+            batches = _told(of, count, seed, measured, lambda done, before=before: tell(before + done, total))
+            evaluations[name], by_chance = judged(of, asked, batches)
         for each in methods:
-            own_answers = [torch.from_numpy(images) for images in answers[name, each]]
-            chances[name, each] = chance(own_answers, objects, partner)
-    return Results(evaluations, samples, tuple(failures), answers, chances, bound)
+            chances[name, each] = by_chance(answers[name, each])
+    skipped = () if tasks is not None or there else tuple(each.name for each in fetched)
+    return Results(evaluations, samples, tuple(failures), answers, chances, bound, skipped)
 
 
-def _told(of: Task, samples: int, seed: int, tell: Callable[[int], None]) -> Iterable[Batch]:
+def _beside(name: str, of: Task, recipe: HiddenObject) -> Function:
+    """A baseline of a task; one of images alone sees the exposures of a page a few at a time."""
+    made = BASELINES[name](recipe)
+    return pages.in_parts(made) if of.kind == "pages" and name not in OF_SOME else made
+
+
+def _told(
+    of: Task, samples: int, seed: int, measured: str | Path | None, tell: Callable[[int], None]
+) -> Iterable[Batch]:
     """Batches of a task; tells how many of its images are done."""
     for first in range(0, samples, _STEP):
         last = min(first + _STEP, samples)
-        yield from of.batches(range(first, last), seed)
+        yield from of.batches(range(first, last), seed, measured)
         tell(last)
 
 
@@ -222,30 +253,32 @@ def _asked(
             answer = run(blind)
         except Failed as why:
             first = int(batch["index"][0])
-            failures.append(Failure(task, name, first, len(batch["object"]), str(why)))
+            failures.append(Failure(task, name, first, len(batch["index"]), str(why)))
             answer = torch.zeros_like(blind["object"])
         if content_digest(arrays_of(batch), arrays_of(blind)) != before:
             reject(f"benchmark function {name!r}", "one that leaves the images of others alone", f"changed in {task!r}")
+        if "places" in blind:
+            answer = pages.together(answer, blind)
         answers.append(answer.numpy())
         return answer
 
     return method
 
 
-def _here(function: Function) -> Function:
+def _here(function: Function, check: Callable[[Any, int], Tensor]) -> Function:
     """A function that is called in this process, on copies."""
 
     def run(batch: Batch) -> Tensor:
         try:
-            return _checked(function(copy_of(batch)), len(batch["object"]))
+            return check(function(copy_of(batch)), len(batch["object"]))
         except Exception as error:
             raise Failed(f"{type(error).__name__}: {error}") from error
 
     return run
 
 
-def _checked(made: Any, count: int) -> Tensor:
-    """What a function answers to so many images.
+def _checked(made: Any, count: int, pages: Mapping[int, tuple[int, int]]) -> Tensor:
+    """What a function answers to so many images, which may be the exposures of a page of some shape.
 
     Raises
     ------
@@ -253,7 +286,9 @@ def _checked(made: Any, count: int) -> Tensor:
         If it is no answer.
     """
     made = torch.as_tensor(made)
-    if made.ndim != 3 or len(made) != count or not 0 < max(made.shape[1:]) <= FRAME or made.is_complex():
+    if tuple(made.shape) == (1, *pages.get(count, ())) and not made.is_complex():
+        pass
+    elif made.ndim != 3 or len(made) != count or not 0 < max(made.shape[1:]) <= FRAME or made.is_complex():
         reject("the answer", f"real[{count}, n, n], n at most {FRAME}", f"{made.dtype}{list(made.shape)}")
     if not torch.isfinite(made).all():
         reject("the answer", "finite numbers", "inf or nan")

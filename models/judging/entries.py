@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 from specklegen.core.display.escape import cell
 from specklegen.core.errors import reject
 from specklegen.core.values import Finite, PositiveInt, Value, broken_rules
-from specklegen.models.judging.tasks import TASKS, VERSION, drawn_at, task
+from specklegen.models.judging.tasks import TASKS, VERSION, counted_tasks, drawn_at, task
 
 if TYPE_CHECKING:
     from specklegen.models.judging.results import Results
@@ -228,7 +228,8 @@ def table(entries: list[Entry]) -> str:
 
 
 def _mean(one: Entry, score: str, what: str) -> float:
-    values = [getattr(getattr(each, score), what) for each in one.tasks.values()]
+    counted = counted_tasks(one.tasks) if one.version == VERSION else one.tasks
+    values = [getattr(getattr(one.tasks[name], score), what) for name in counted]
     return sum(values) / len(values)
 
 

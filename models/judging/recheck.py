@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from specklegen.core.errors import reject
-from specklegen.models.judging.evaluation import evaluate
+from specklegen.models.judging.judged import judged
 from specklegen.models.judging.secret import require_words, seed_of
 from specklegen.models.judging.tasks import SEED, VERSION, drawn_at, task
 
@@ -48,7 +48,9 @@ def samples_of(file: Path) -> int:
         return int(json.loads(str(content["stated"]))["samples"])
 
 
-def recheck(file: Path, secret: str | None = None) -> dict[tuple[str, str], float]:
+def recheck(
+    file: Path, secret: str | None = None, measured: Path | str | None = None
+) -> dict[tuple[str, str], float]:
     """Score the answers of a file anew.
 
     Parameters
@@ -57,6 +59,8 @@ def recheck(file: Path, secret: str | None = None) -> dict[tuple[str, str], floa
         ``answers.npz`` of a run.
     secret
         Words that a run at a secret seed is bound to.
+    measured
+        Folder of measured frames, where a file has answers to them.
 
     Returns
     -------
@@ -88,19 +92,20 @@ def recheck(file: Path, secret: str | None = None) -> dict[tuple[str, str], floa
     means = {}
     for name in stated["fingerprints"]:
         one = task(name)
-        recipe, asked = one.recipe(), stated["fingerprints"][name]
+        asked = stated["fingerprints"][name]
         if asked != one.fingerprint:
             reject(f"answers of {name!r}", f"to images {one.fingerprint[:12]}", asked[:12])
         of_task = {function: batches for (of, function), batches in answers.items() if of == name}
         sizes = _sizes(name, of_task, one.count(stated["samples"]))
+        one.recipe()  # refuses other images
         own = {function: iter(batches) for function, batches in of_task.items()}
         methods = {function: lambda batch, each=each: torch.from_numpy(next(each)) for function, each in own.items()}
         ends = np.cumsum([0, *sizes]).tolist()
         batches = (
             batch for first, last in zip(ends, ends[1:], strict=False)
-            for batch in one.batches(range(first, last), seed)
+            for batch in one.batches(range(first, last), seed, measured)
         )  # fmt: skip
-        evaluated, _ = evaluate(methods, batches, recipe.profile)
+        evaluated, _ = judged(one, methods, batches)
         for function, targets in evaluated.values.items():
             scores = targets["sharp"]["pearson"]
             claimed = np.array(stated["scores"][name][function])

@@ -15,7 +15,7 @@ from specklegen.models.judging.card import card
 from specklegen.models.judging.entries import entry, write_entry
 from specklegen.models.judging.evaluation import Evaluation
 from specklegen.models.judging.recheck import write_answers
-from specklegen.models.judging.tasks import TASKS, VERSION, drawn_at, task
+from specklegen.models.judging.tasks import TASKS, VERSION, counted_tasks, drawn_at, task
 from specklegen.models.metrics import Interval
 
 SHOWN = {"pearson": "Pearson", "psnr": "PSNR, dB", "ssim": "SSIM"}
@@ -63,6 +63,8 @@ class Results(Pictured):
         By task and function: scores of its answers for other images' objects (:mod:`specklegen.models.judging.chance`).
     commitment : str
         Of the words of a secret seed (:mod:`specklegen.models.judging.secret`); empty at the benchmark's own.
+    skipped : tuple of str
+        Tasks left out because nobody has said where their files are.
     """
 
     evaluations: dict[str, Evaluation]
@@ -71,6 +73,7 @@ class Results(Pictured):
     answers: Mapping[tuple[str, str], list[np.ndarray]] = field(default_factory=dict)
     chances: Mapping[tuple[str, str], Mapping[str, np.ndarray]] = field(default_factory=dict)
     commitment: str = ""
+    skipped: tuple[str, ...] = ()
 
     def _facts(self) -> Mapping[str, object]:
         run = "complete" if self.complete else "not complete: not to be compared with one that is"
@@ -100,11 +103,13 @@ class Results(Pictured):
     def score(self, function: str, score: str = "pearson") -> float:
         """Mean of a function's means over the tasks; by Pearson the number to rank by, where all tasks were run.
 
-        NaN of one that was not asked about all of them.
+        Tasks whose images have to be fetched are no part of it, where there are others. NaN of a function that was not
+        asked about all of them.
         """
-        if not all(self.asked(function, name) for name in self.evaluations):
+        names = counted_tasks(self.evaluations)
+        if not all(self.asked(function, name) for name in names):
             return float("nan")
-        return float(np.mean([self.interval(function, name, score).mean for name in self.evaluations]))
+        return float(np.mean([self.interval(function, name, score).mean for name in names]))
 
     def chance(self, function: str, task: str, score: str = "pearson") -> float:
         """Mean score of a function's answers for objects of other images of the task."""
@@ -119,7 +124,8 @@ class Results(Pictured):
     def complete(self) -> bool:
         """Whether all of the benchmark was run: other scores are not to be compared with published ones."""
         whole = all(len(each.media) == task(name).samples for name, each in self.evaluations.items())
-        return whole and list(self.evaluations) == [each.name for each in drawn_at(self.commitment)]
+        drawn = [name for name in self.evaluations if not task(name).fetched]
+        return whole and drawn == [each.name for each in drawn_at(self.commitment)]
 
     def by_family(self) -> dict[tuple[str, str], Evaluation]:
         """Parts of the tasks of several families, by task and family; of two media at least."""
@@ -178,7 +184,8 @@ class Results(Pictured):
 
     def _beside_chance(self) -> list[str]:
         """Table of the means over the tasks that a function was asked about, each with what chance scores."""
-        known = [name for name in self.functions if any((task, name) in self.chances for task in self.evaluations)]
+        counting = counted_tasks(self.evaluations)
+        known = [name for name in self.functions if any((task, name) in self.chances for task in counting)]
         if not known:
             return []
         lines = [
@@ -186,7 +193,7 @@ class Results(Pictured):
             "images' objects:", "", f"| function | {' | '.join(SHOWN.values())} |", "|---" * (1 + len(SHOWN)) + "|",
         ]  # fmt: skip
         for name in known:
-            tasks = [task for task in self.evaluations if (task, name) in self.chances]
+            tasks = [task for task in counting if (task, name) in self.chances]
             means = [np.mean([self.interval(name, task, score).mean for task in tasks]) for score in SHOWN]
             chances = [np.mean([self.chance(name, task, score) for task in tasks]) for score in SHOWN]
             cells = [DIGITS[score].format(a, b) for score, a, b in zip(SHOWN, means, chances, strict=True)]
@@ -207,6 +214,10 @@ class Results(Pictured):
 
     def _secrecy(self) -> list[str]:
         """Name the tasks left out at a secret seed, and the commitment."""
+        if self.skipped:
+            names = ", ".join(self.skipped)
+            return ["", f"Skipped, since their files were not named: {names}. `specklegen measured get hidden-shapes` "
+                        "fetches them, and `--measured hidden-shapes` says where they are."]  # fmt: skip
         if not self.commitment:
             return []
         stored = ", ".join(each.name for each in TASKS if each.stored)

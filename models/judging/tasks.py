@@ -1,25 +1,27 @@
 """The tasks of the benchmark: recipes with a seed, frozen under a version.
 
-A task is the ``test`` split of a packaged recipe with changes, or images that come with the package
-(:mod:`specklegen.models.judging.waves`). The fingerprint of all that decides its pixels stands beside it, and a build
-that renders anything else refuses the task: scores of one :data:`VERSION` are of one set of images. Whoever changes a
-task, a packaged recipe under it, or pixels (``DATA_VERSION``) raises :data:`VERSION` and writes down the new
-fingerprints; a test keeps those of every version.
+A task is the ``test`` split of a packaged recipe with changes, images that come with the package
+(:mod:`specklegen.models.judging.waves`), pages of many exposures (:mod:`specklegen.models.judging.pages`), or images
+that a user fetches (:mod:`specklegen.models.judging.frames`). The fingerprint of all that decides its pixels stands
+beside it, and a build that renders anything else refuses the task: scores of one :data:`VERSION` are of one set of
+images. Whoever changes a task, a packaged recipe under it, or pixels (``DATA_VERSION``) raises :data:`VERSION` and
+writes down the new fingerprints; a test keeps those of every version.
 """
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 from specklegen.core.errors import reject
 from specklegen.datasets import load_recipe
-from specklegen.datasets.recipes.hidden_object import HiddenObject
-from specklegen.models.judging import waves
+from specklegen.datasets.recipes.hidden_object import CENTRE, HiddenObject
+from specklegen.models.judging import frames, pages, waves
 from specklegen.models.learning.examples import batches_of
 
-VERSION = 4
+VERSION = 5
 """Raised whenever an image of a task changes."""
 SEED = 20
 """Of every task."""
@@ -69,8 +71,9 @@ class Task(NamedTuple):
         Images of a complete run.
     families : tuple of str
         Names of the families of its objects, where scores are told by family.
-    stored : bool
-        Whether its images come with the package, and are not drawn by its samplers: at no other seed.
+    kind : str
+        Where its images are from: "drawn" by the package's samplers, a sample an image; "pages", drawn too, a page of
+        many exposures a question; "waves", which come with the package; "frames", which a user fetches.
     """
 
     name: str
@@ -80,7 +83,17 @@ class Task(NamedTuple):
     fingerprint: str
     samples: int = SAMPLES
     families: tuple[str, ...] = ()
-    stored: bool = False
+    kind: Literal["drawn", "pages", "waves", "frames"] = "drawn"
+
+    @property
+    def stored(self) -> bool:
+        """Whether its images are those of a file, at no other seed."""
+        return self.kind in ("waves", "frames")
+
+    @property
+    def fetched(self) -> bool:
+        """Whether a user has to fetch its images: no part of a complete run, nor of a mean over tasks."""
+        return self.kind == "frames"
 
     def recipe(self) -> HiddenObject:
         """Recipe of the task; its ``train`` and ``validation`` splits are there to learn from.
@@ -91,7 +104,9 @@ class Task(NamedTuple):
             If this build renders other images than those of :data:`VERSION`.
         """
         recipe = _recipe(self.base, json.dumps(self.changes))
-        found = waves.digest() if self.stored else recipe.fingerprint()
+        found = {"waves": waves.digest, "frames": frames.digest, "pages": lambda: pages.digest(recipe)}.get(
+            self.kind, recipe.fingerprint
+        )()
         if found != self.fingerprint:
             reject(
                 f"benchmark task {self.name!r}", f"that of version {VERSION}, {self.fingerprint[:12]}", found[:12],
@@ -105,17 +120,26 @@ class Task(NamedTuple):
             return self.samples
         return min(max(samples, self.changes.get("media_group", 1) + 1), self.samples)
 
-    def batches(self, numbers: Sequence[int], seed: int = SEED) -> Iterator[dict[str, Any]]:
-        """Samples of some numbers, in batches of tensors.
+    def batches(
+        self, numbers: Sequence[int], seed: int = SEED, measured: Path | str | None = None
+    ) -> Iterator[dict[str, Any]]:
+        """Samples of some numbers, in batches of tensors; ``measured`` is where files lie that have to be fetched.
 
         Raises
         ------
         RuleError
-            As :meth:`recipe`.
+            As :meth:`recipe`; if the files are not there.
         """
         recipe = self.recipe()
-        if self.stored:
+        if self.kind == "frames":
+            if measured is None or frames.missing(measured):
+                reject(f"benchmark task {self.name!r}", "asked where its files are", str(measured),
+                       f"`specklegen measured get {frames.SET}` fetches them; say where by --measured.")  # fmt: skip
+            yield frames.batch(numbers, measured, _setup(self.base, json.dumps(self.changes)))
+        elif self.kind == "waves":
             yield waves.batch(numbers)
+        elif self.kind == "pages":
+            yield from (pages.page(recipe, number, seed) for number in numbers)
         else:
             yield from batches_of(recipe, numbers, seed, "test")
 
@@ -125,6 +149,14 @@ def _recipe(base: str, changes: str) -> HiddenObject:
     recipe = load_recipe(base, json.loads(changes))
     assert isinstance(recipe, HiddenObject)
     return recipe
+
+
+@cache
+def _setup(base: str, changes: str) -> Mapping[str, Any]:
+    """Parameters of a sample that say nothing of its object."""
+    drawn = _recipe(base, changes).batch(SEED, "test", range(1))["parameters"]
+    told = ("label", "family", "medium", "expected_contrast", *CENTRE)
+    return {name: values for name, values in drawn.items() if name not in told}
 
 
 def _noisy(photons: float) -> dict[str, Any]:
@@ -184,7 +216,7 @@ TASKS = (
         "3 memory-effect ranges, two behind each slab",
         "through-slab", waves.CHANGES,
         "06ca7c3bedd8aaa3014acd7a5c4ec0323dde166cbe1c0c9c6200c600ca8ab4e1",
-        waves.SAMPLES, ("Glyphs", "Polygons"), stored=True,
+        waves.SAMPLES, ("Glyphs", "Polygons"), "waves",
     ),
     Task(
         "several objects", "four objects one after the other through each medium at rest, and which are of one is told",
@@ -195,6 +227,18 @@ TASKS = (
         "seven families", "one family of media; all 45 characters in other fonts and six other families of objects",
         "unknown-slab", _SEVEN,
         "313da948a2e6f56a2e1a56c09df2ebf0261ae1cd02a97c195bd2903ee520578a", 112, FAMILIES,
+    ),
+    Task(
+        "wide fields", "pages of held-out characters 10, 16, 25 and 40 memory-effect ranges wide, lit a spot at a "
+        "time; a new medium at each of 42 to 186 exposures",
+        "wide-field", pages.CHANGES,
+        "ace9425dfc0299d65283ec8d8fdb114edb77af10fb4d6ed86027457502ac6bc9", pages.SAMPLES, kind="pages",
+    ),
+    Task(
+        "measured frames", "eight shapes behind four ground glasses, as a camera of another laboratory took them; "
+        "fetched by `specklegen measured get hidden-shapes`, no part of the mean",
+        "ground-glass", frames.CHANGES,
+        "0d9256d9bee0f9d8e4de733fb56380959c309fb2a4c35c83a1993696538bf77e", frames.SAMPLES, kind="frames",
     ),
 )  # fmt: skip
 """The benchmark."""
@@ -214,9 +258,15 @@ def task(name: str) -> Task:
     reject("benchmark task", f"one of {', '.join(each.name for each in TASKS)}", name)
 
 
+def counted_tasks(names: Iterable[str]) -> list[str]:
+    """Tasks whose mean is ranked by: those that nobody has to fetch, or all where there are no others."""
+    asked = list(names)
+    return [name for name in asked if not task(name).fetched] or asked
+
+
 def drawn_at(commitment: str) -> list[Task]:
-    """Tasks of a complete run: all, but at a secret seed those that are drawn."""
-    return [each for each in TASKS if not (commitment and each.stored)]
+    """Tasks of a complete run: all but those that have to be fetched; at a secret seed those that are drawn."""
+    return [each for each in TASKS if not (each.fetched or (commitment and each.stored))]
 
 
 def digest(tasks: tuple[Task, ...] = TASKS, seed: int = SEED) -> str:

@@ -57,7 +57,7 @@ _RULES: tuple[tuple[str, str, Callable[[Any], Any], Any, str], ...] = (
     ("recipe", "of a kind of the package's own", type, HiddenObject, "Of a class of your own no law is known."),
     ("recipe.light.bandwidth", "0: of light of one wavelength", _bandwidth, 0.0, "Render the others."),
     ("recipe.window.profile", "square or disc", _sharp, "square or disc",
-     "A Gaussian window passes light at frequencies where networks' inputs take it for camera noise."),
+     "Render images behind Gaussian windows: the law of these inputs has not been held against them."),
     ("recipe.exposure", "left out: of images without noise", lambda r: r.exposure, None,
      "A network takes noise off its input, so that it may be trained without."),
     ("recipe.bench", "left out", lambda r: r.bench, None, "Render samples of differing benches."),

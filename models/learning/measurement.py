@@ -13,17 +13,19 @@ from specklegen.models.likelihood.likelihood import Optics
 from specklegen.models.likelihood.periodogram import Periodogram, periodogram
 from specklegen.models.retrieval.autocorrelation import MemoryEffect, memory_effect_of
 from specklegen.models.retrieval.camera_noise import Stated, camera_noise
+from specklegen.scene.window import Profile
 
 TILE = 160
 """Longest side of a tile in pixels: larger cameras are cut, which makes their periodograms less noisy."""
 
 
 def seen_by_camera(
-    images: torch.Tensor, grain: torch.Tensor, tile: int | None = TILE, camera: Stated = "unknown"
-) -> Periodogram:
+    images: torch.Tensor, grain: torch.Tensor, tile: int | None = TILE, camera: Stated = "unknown",
+    profile: Profile | None = None,
+) -> Periodogram:  # fmt: skip
     """Periodograms of images real[B, F, H, W] with the noise of :func:`camera_noise`; grains float[B], in pixels."""
     spectra = periodogram(images, tile=tile)
-    noise = camera_noise(images, grain[:, None], camera).mean(1)
+    noise = camera_noise(images, grain[:, None], camera, profile).mean(1)
     return spectra._replace(noise=noise.to(spectra.noise))
 
 
@@ -49,4 +51,4 @@ def measured(batch: Mapping[str, Any], recipe: HiddenObject) -> tuple[Periodogra
         correlation = recipe.material.known(recipe.material.slab_of(own)).correlation
         memory.append(memory_effect_of(correlation, own["wavelength"], own["object_pitch"]))
     optics = Optics(step.float(), grain.float(), recipe.profile, recipe.exposure is not None)
-    return seen_by_camera(images, grain, camera=recipe.exposure or "none"), optics, memory
+    return seen_by_camera(images, grain, camera=recipe.exposure or "none", profile=recipe.profile), optics, memory

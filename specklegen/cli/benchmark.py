@@ -36,6 +36,10 @@ def benchmark(
         str | None,
         typer.Option(metavar="WORDS", help="Draw the tasks at a seed that follows from words; results state a digest."),
     ] = None,
+    measured: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Clone of `specklegen measured get hidden-shapes`, for its task."),
+    ] = None,
     table: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Print the table of a folder of entries, and exit.")
     ] = None,
@@ -71,7 +75,7 @@ def benchmark(
                 typer.echo(f"{entry.name}: as an entry has to be; no answers are given, so that no score is found anew")
                 return
             check = check.parent / entry.answers
-        scores = recheck(check, secret)
+        scores = recheck(check, secret, measured)
         if entry is not None:
             require_same(entry, scores)
         typer.echo(f"mean Pearson correlations, found anew on {samples_of(check)} images a task")
@@ -85,18 +89,20 @@ def benchmark(
     from specklegen.models.judging.benchmark import benchmark as score
     from specklegen.models.judging.isolation import Limits
 
-    names = [task(name).name for name in tasks] if tasks else [each.name for each in drawn_at(secret or "")]
+    names = [task(name).name for name in tasks] if tasks else None
     own = {text: _function(text) for text in functions or []}
     if not own and not baselines:
         reject("benchmark FUNCTION", "at least one without baselines", functions)
     writable(out)
-    total = sum(task(name).count(samples) for name in names)
+    asked = names or [each.name for each in drawn_at(secret or "") + [x for x in TASKS if x.fetched and measured]]
+    total = sum(task(name).count(samples) for name in asked)
     with Progress(total) as progress:
         beside = tuple(BASELINES) if baselines else ()
         limits = Limits(seconds=seconds, gibibytes=gibibytes)
         results = score(
-            own, baselines=beside, tasks=names, samples=samples, progress=progress, limits=limits, secret=secret
-        )
+            own, baselines=beside, tasks=names, samples=samples, progress=progress, limits=limits, secret=secret,
+            measured=measured,
+        )  # fmt: skip
     results.write(out)
     if as_json:
         echo_json(results.rows())

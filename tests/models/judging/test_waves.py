@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 import torch
 from scenes import ROOT
-from zscore import assert_mean
+from zscore import assert_mean, limit
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
-from specklegen.models.judging import waves
+from specklegen.measured.envelope import fit_envelope
+from specklegen.models import SpeckleLikelihood, expected_deviance
+from specklegen.models.judging import baselines, waves
 from specklegen.models.judging.benchmark import blinded
 from specklegen.models.judging.tasks import task
+from specklegen.models.learning.measurement import measured
 
 
 @pytest.fixture(scope="module")
@@ -123,3 +126,53 @@ def test_neighbouring_pixels_have_the_memory_effect_that_the_mapping_tells(scrip
         assert_mean(covariance, expected, slack=0.03)
     with pytest.raises(AssertionError, match="z ="):
         assert_mean(covariance, curve.intensity[0], slack=0.03)
+
+
+@pytest.mark.parametrize("name", ["image", "frames"])
+def test_even_light_takes_off_a_slope_and_leaves_even_light_as_it_is(name):
+    """Exact where the fit says even light; a slope of a factor of three goes, but for the error of its fit."""
+    rng = np.random.default_rng(3)
+    speckle = np.abs(np.fft.ifft2(np.fft.fft2(rng.normal(size=(6, 96, 96)) + 1j * rng.normal(size=(6, 96, 96)))
+                                  * (np.hypot(*np.meshgrid(*[np.fft.fftfreq(96)] * 2)) < 0.25))) ** 2  # fmt: skip
+    flat = torch.from_numpy(0.3 * speckle / speckle.mean((1, 2), keepdims=True) + 0.7).float()
+    slope = torch.linspace(0.5, 1.5, 96).expand(96, 96)
+    seen = []
+    keep = baselines.on_even_light(lambda batch: seen.append(batch[name]) or batch["object"])
+    as_frames = (lambda x: x[:, None].expand(-1, 2, -1, -1)) if name == "frames" else (lambda x: x)
+    for images in (flat, flat * slope):
+        keep({name: as_frames(images), "object": torch.zeros(6, 4, 4)})
+    even, sloped = ([each[:, 0] for each in seen] if name == "frames" else seen)
+    orders = [fit_envelope(one.double().numpy(), np.ones((96, 96), bool), "test").order for one in flat]
+    assert orders.count(0) >= 4
+    assert torch.equal(even[[order == 0 for order in orders]], flat[[order == 0 for order in orders]])
+    left = lambda images: (images.mean((1, 2)), (images[..., 48:].mean((1, 2)) / images[..., :48].mean((1, 2))))  # noqa: E731
+    assert_mean(left(sloped)[1].numpy() - left(flat)[1].numpy(), 0.0)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(left(flat * slope)[1].numpy() - left(flat)[1].numpy(), 0.0)
+
+
+def test_the_true_objects_of_waves_are_as_probable_as_they_should_be_on_even_light_alone():
+    """Why methods that know the law lose on these images: slopes of light, which no image of our samplers has.
+
+    The deviance of the true object, of 12 images, against its law: mean and spread of a sum of exponential variables.
+    """
+    one = task("waves")
+    recipe = one.recipe()
+    (some,) = one.batches(range(0, 48, 4))
+    deviances = {}
+
+    def asked(batch):
+        seen, optics, memory = measured(batch, recipe)
+        likelihood = SpeckleLikelihood(seen, (28, 28), optics)
+        steps = np.arange(-27, 28)
+        between = torch.stack([torch.as_tensor(c_i(np.hypot(steps[:, None], steps))) for c_i in memory])
+        found = likelihood(some["object"].to(likelihood.power), between.to(likelihood.power)).double().numpy()
+        spread = (likelihood.spread / likelihood.frequencies).double().numpy()
+        deviances[len(deviances)] = (found - expected_deviance(1.0)) / spread
+        return some["object"]
+
+    asked(some)
+    baselines.on_even_light(asked)(some)
+    sloped, even = (each.sum() / np.sqrt(len(each)) for each in deviances.values())
+    assert abs(even) < limit()
+    assert sloped > 4 * limit()

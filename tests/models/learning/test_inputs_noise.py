@@ -1,10 +1,12 @@
 """Shot noise in what a network sees: taken off the zero lag, and nothing else changed."""
 
 import numpy as np
+import pytest
 import torch
 
 from specklegen.datasets import load_recipe
 from specklegen.datasets.loading.stream import tensors
+from specklegen.models.learning import inputs
 from specklegen.models.learning.inputs import LAGS, autocorrelation_input, network_input, steps_of
 
 
@@ -20,6 +22,20 @@ def test_without_noise_nothing_changes():
     quiet, _ = batches()
     plain = autocorrelation_input(quiet["image"].float(), steps_of(quiet).float())
     assert torch.equal(network_input(quiet, "autocorrelation"), plain)
+
+
+@pytest.mark.parametrize("kind", ["autocorrelation", "periodogram"])
+def test_behind_a_gaussian_window_no_light_is_taken_for_noise(kind, monkeypatch):
+    """To the last bit as if nothing were taken off; read as behind an edge, something would be."""
+    recipe = load_recipe("unknown-slab", {"window": {"profile": "gaussian"}, "samples": {"train": 8}})
+    batch = tensors(recipe.batch(3, "train", range(8)))
+    found = network_input(batch, kind)
+    edged = inputs.camera_noise
+    monkeypatch.setattr(inputs, "camera_noise", lambda images, grain: edged(images, grain, profile="square"))
+    wrong = network_input(batch, kind)
+    monkeypatch.setattr(inputs, "noise_of", lambda *words: None)  # noqa: ARG005
+    assert torch.equal(found, network_input(batch, kind))
+    assert not torch.equal(found, wrong)
 
 
 def test_shot_noise_is_gone():
