@@ -157,7 +157,7 @@ def _short_of_one(standard: np.ndarray, step: int, down: int, across: int) -> np
     peak = middle = _alike(standard, step, down, across)
     for sides in (((-1, 0), (1, 0)), ((0, -1), (0, 1))):
         before, after = (_alike(standard, step, down + dy, across + dx) for dy, dx in sides)
-        bend = np.maximum(2 * middle - before - after, 4 * np.abs(after - before) + _TINY)  # within half a pixel
+        bend = np.maximum(2 * middle - before - after, np.abs(after - before) + _TINY)  # within half a pixel
         peak = peak + np.square(after - before) / (8 * bend)
     return np.log(np.maximum(1 - peak, _LEAST_SHORT))
 

@@ -556,6 +556,16 @@ def _covariance(tiles: _Seen, best: _Fitted, slopes: np.ndarray) -> np.ndarray:
     return _EDGES**2 * curvature @ (scores.T @ scores * count / (count - len(slopes))) @ curvature
 
 
+def _hotelling(left: np.ndarray) -> float:
+    """Chance of means of columns float64[tiles, k] as far from 0, if tiles share no more than grains at their edges."""
+    count, degrees = left.shape
+    if not 0 < degrees < count:
+        return 1.0
+    mean = left.mean(axis=0)
+    square = count * mean @ np.linalg.solve(np.cov(left.T).reshape(degrees, degrees), mean) / _EDGES**2
+    return float(f.sf(square * (count - degrees) / (degrees * (count - 1)), degrees, count - degrees))
+
+
 def _misfit(tiles: _Seen, best: _Fitted, slopes: np.ndarray) -> tuple[float, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Chance of a spectrum as far from the fitted one; frequencies, power and fitted power in rings."""
     v, u = np.broadcast_arrays(tiles.rows[:, None], tiles.columns)
@@ -570,13 +580,7 @@ def _misfit(tiles: _Seen, best: _Fitted, slopes: np.ndarray) -> tuple[float, tup
     bins /= bins.sum(axis=0)
     # Hotelling's test of what no change of the fitted numbers makes.
     moved, *_ = np.linalg.svd(bins.T @ slopes.T)
-    left = (tiles.power / best.spectrum - 1) @ bins @ moved[:, len(slopes) :]
-    count, degrees = left.shape
-    chance = 1.0
-    if 0 < degrees < count:
-        mean = left.mean(axis=0)
-        square = count * mean @ np.linalg.solve(np.cov(left.T).reshape(degrees, degrees), mean) / _EDGES**2
-        chance = float(f.sf(square * (count - degrees) / (degrees * (count - 1)), degrees, count - degrees))
+    chance = _hotelling((tiles.power / best.spectrum - 1) @ bins @ moved[:, len(slopes) :])
     ring = np.minimum((frequency / reach * _RINGS).astype(int), _RINGS)
     rings = [n for n in np.unique(ring) if (ring == n).any()]
     seen = tiles.power.mean(axis=0)

@@ -47,6 +47,17 @@ def test_landings_are_those_of_light_that_is_followed(reflectance, open_port):
     assert abs(found - a_d * SMALL.wall * SMALL.landings(0.7 - reflectance, open_port=open_port)) > 5 * error
 
 
+@pytest.mark.parametrize("open_port", [False, True])
+def test_landings_obey_their_equations_at_a_large_detector(open_port):
+    """W and S by the module's two equations, a detector's port that hides a tenth of the sphere from the sample."""
+    wide = Sphere(diameter=100.0, sample_port=40.0, third_port=30.0, detector_port=63.0, wall=0.95)
+    a_s, a_e, a_d = np.square(np.array(wide[1:4]) / wide.diameter) / 4
+    a_w, b, r = 1 - a_s - a_d - open_port * a_e, 1 / (1 - a_d), 0.7
+    equations = np.array([[1 - wide.wall * a_w, -r * a_w * b], [-wide.wall * a_s, 1 - r * a_s * b]])
+    wall, _ = np.linalg.solve(equations, [a_w * b, a_s * b])
+    assert wide.landings(r, open_port=open_port) == pytest.approx(wall, rel=1e-12)
+
+
 def test_what_a_sphere_would_read_comes_back(tmp_path):
     share, through = np.array([0.05, 0.3, 0.8]), np.array([0.6, 0.5, 0.1])
     standard = SMALL.landings(0.99, open_port=True)

@@ -13,7 +13,7 @@ from specklegen.measured import (
     Transmittance,
 )
 from specklegen.memory_effects.atlas import atlas_correlation
-from specklegen.models.calibration.prediction import predict
+from specklegen.models.calibration.prediction import _contrast, _Light, _Row, predict
 from specklegen.oracles.adding_doubling import adding_doubling
 from specklegen.synthesis.spectrum import estimate_spectral_correlation, light_modes
 
@@ -88,6 +88,20 @@ def test_contrast_is_that_of_the_modes_of_the_light(spectrum):
     assert np.abs(found - expected).max() < 0.006
     wider = seen(ContrastVersusBandwidth(1.1 * widths, None, 0.01, spectrum=spectrum), 1.0, 5.3, 0.83, 1.0)
     assert np.abs(wider - expected).max() > 0.006
+
+
+@pytest.mark.parametrize("spectrum", ["gaussian", "flat"])
+def test_contrast_of_three_lengths_is_that_of_their_fringes(spectrum):
+    """Of light of three path lengths, by the sum over a spectrum that is one half at its full width: to rounding."""
+    length, share, width, thickness = np.array([0.0, 0.7, 2.0]), np.array([0.2, 0.5, 0.3]), 1.7, 1.3
+    k = (np.arange(400_000) + 0.5) / 400_000 * 16 * width - 8 * width
+    bright = 2.0 ** -np.square(2 * k / width) if spectrum == "gaussian" else np.abs(k) < width / 2
+    apart = thickness * np.subtract.outer(length, length)
+    fringes = np.array([(bright * np.cos(k * each)).sum() / bright.sum() for each in apart.ravel()]).reshape(3, 3)
+    light = _Light(_Row(length[None], np.zeros((1, 3, 5))), _Row(share[None], np.zeros((1, 3, 5))))
+    seen_by = ContrastVersusBandwidth([width], None, 0.01, spectrum=spectrum)
+    found, _ = _contrast(seen_by, np.array([thickness]), light)
+    assert found[0, 0] == pytest.approx(np.sqrt(share @ np.square(fringes) @ share), rel=1e-7)
 
 
 @pytest.mark.parametrize("slab", SLABS[:2])

@@ -4,10 +4,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import norm, t, ttest_1samp
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
+from specklegen.models.calibration import setup_fit
 
 FALSE_ALARM = 1e-6
 SURE = norm.isf(FALSE_ALARM / 2)
@@ -88,6 +89,15 @@ def test_two_points_and_a_long_iris_are_doubted():
     two = sg.fit_setup(speckle(7, 2, 192, 4.0, moved=12), envelope=None, pixel_integration=False)
     long = sg.fit_setup(speckle(8, 2, 192, 4.0, stretch=1.5), envelope=None, pixel_integration=False)
     assert all(any("no speckle of one point" in doubt for doubt in each.doubts) for each in (two, long))
+
+
+def test_the_misfit_of_one_number_is_student_s_test():
+    """Of one column Hotelling's law is the square of Student's, of ten tiles with nine degrees of freedom."""
+    left = np.random.default_rng(4).normal(0.6, 1.0, 10)
+    edges = setup_fit._EDGES
+    expected = 2 * t.sf(ttest_1samp(left, 0.0).statistic / edges, 9)
+    assert setup_fit._hotelling(left[:, None]) == pytest.approx(expected, rel=1e-9)
+    assert setup_fit._hotelling(left[:, None][:, :0]) == 1
 
 
 def test_an_envelope_is_taken_off():

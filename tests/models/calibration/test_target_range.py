@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
-from specklegen.models.calibration.target_range import BOUNDS, GAUSSIAN, Fall, decay
+from specklegen.models.calibration.target_range import BOUNDS, GAUSSIAN, Fall, RangeProfile, decay
 
 FALSE_ALARM = 1e-4
 LETTER = np.kron([[1, 1, 1], [1, 0, 0], [1, 1, 0], [1, 0, 0], [1, 0, 0]], np.ones((3, 3)))
@@ -87,6 +87,14 @@ def test_the_form_holds_a_thick_slab_which_no_power_does():
     assert abs(held.x[2]) < 2e-3
     plain = least_squares(lambda at: 2.0 ** -((apart * np.exp(at[1])) ** at[0]) - slab, [1.5, 0.0])
     assert np.abs(plain.fun).max() > 5e-3
+
+
+@pytest.mark.parametrize("top", [6.6, 7.3, 8.1])
+def test_the_likeliest_range_lies_between_those_tried(top):
+    """Of a parabola in ln(range), whose places are not evenly apart, exactly its top."""
+    ranges = np.array([3.0, 5.0, 6.0, 6.5, 7.2, 8.3, 9.0, 14.0, 40.0])
+    likely = -0.5 * np.square(np.log(ranges / top) / 0.2)
+    assert RangeProfile(ranges, (GAUSSIAN,) * len(ranges), likely, 40).best == pytest.approx(top, rel=1e-9)
 
 
 def test_a_target_within_the_range_leaves_it_open_above():

@@ -91,6 +91,19 @@ def test_patterns_that_tilts_move_are_followed():
     assert not_followed.max() < 0.1
 
 
+def test_a_correlation_between_pixels_is_that_of_its_peak():
+    """Moved by .4 of a pixel, frames correlate as they do unmoved: what the nearest pixel falls short is put back."""
+    rng = np.random.default_rng(3)
+    y, x = np.meshgrid(np.fft.fftfreq(96), np.fft.fftfreq(96), indexing="ij")
+    one, other = (rng.normal(size=(2, 8, 96, 96, 2)) @ [1, 1j]) * (np.hypot(y, x) < 0.5 / 7)
+    later = 0.95 * one + np.sqrt(1 - 0.95**2) * other
+    short = []
+    for moved in (0.0, 0.4):
+        waves = np.stack([one, later * np.exp(-2j * np.pi * x * moved)], axis=1)
+        short.append(np.exp(statistics(np.abs(np.fft.ifft2(waves)) ** 2, 7.0)["C_I"]).mean())
+    assert short[1] == pytest.approx(short[0], rel=0.02)
+
+
 def test_range_and_displacement_are_named():
     light = stacks(count=48)
     alike, _ = judged(stacks(count=16), light)
