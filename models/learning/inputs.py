@@ -101,7 +101,8 @@ def _half_by_half(image: Tensor, step: Tensor, size: int, noise: Tensor) -> Tens
         kept[0, reach[1]] -= noise
     kept = kept / kept[0, reach[1]].clamp_min(torch.finfo(kept.dtype).tiny)
     # Triangles about rows near 0 reach over to rows below, which are those above turned about.
-    rows, columns = (_triangles(2 * far + 1, step[None].to(image), size + 2)[0, 1:] for far in reach)
+    weights = {far: _triangles(2 * far + 1, step[None].to(image), size + 2)[0, 1:] for far in {*reach}}
+    rows, columns = (weights[far] for far in reach)
     down, up = rows[half:, reach[0] :], rows[half:, : reach[0]].flip(1)
     correlation = down @ kept @ columns.T
     correlation += (up @ kept[1:].flip(1)) @ columns.T
@@ -174,8 +175,11 @@ def noise_of(images: Tensor, parameters: Mapping[str, Tensor]) -> Tensor | None:
     grain = parameters["wavelength"] / parameters["width"] / parameters["camera_pitch"]
     if not (grain > READABLE).all():
         return None
-    level = camera_noise(images, grain.to(images.device)) * images.double().mean((-2, -1)).square()
-    return torch.where(level > _SILENT * images.double().var((-2, -1)), level, 0.0)
+    images = images.double()
+    mean = images.mean((-2, -1), keepdim=True)
+    level = camera_noise(images, grain.to(images.device)) * mean[..., 0, 0].square()
+    variance = (images - mean).square().sum((-2, -1)) / max(images[0].numel() - 1, 1)  # faster than `var`
+    return torch.where(level > _SILENT * variance, level, 0.0)
 
 
 def registered_input(batch: Mapping[str, Any]) -> Tensor:

@@ -50,7 +50,8 @@ def camera_noise(images: Tensor, grain: Tensor | float, camera: Stated = "unknow
     flat = flat / flat.mean((-2, -1), keepdim=True) - 1
     down, across = (torch.hann_window(n, dtype=torch.float64, device=images.device) for n in (rows, columns))
     weights = down[:, None] * across
-    power = torch.fft.rfft2(flat * weights).abs().square() / weights.square().sum()
+    parts = torch.view_as_real(torch.fft.rfft2(flat * weights)).square()  # an absolute value takes thrice the time
+    power = (parts[..., 0] + parts[..., 1]) / weights.square().sum()
     f, g = torch.fft.fftfreq(rows).double().abs(), torch.fft.rfftfreq(columns).double()
     highest = torch.maximum(f[:, None], g).to(images.device)
     beyond = highest > BEYOND / torch.as_tensor(grain, dtype=torch.float64, device=images.device)[..., None, None]

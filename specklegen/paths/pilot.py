@@ -87,7 +87,7 @@ class FirstPaths:
 
 @dataclass(frozen=True)
 class Pilot(PilotNumbers):
-    """What a pilot says of a scene, and what traces its paths.
+    """What a pilot says of a scene, and the tracer of its paths.
 
     Attributes
     ----------
