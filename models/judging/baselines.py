@@ -159,7 +159,8 @@ def on_even_light(method: Method) -> Method:
     """Let a method see images over the envelope that is fitted to each, as ``specklegen reconstruct`` does.
 
     Light that falls off over a camera, by 5 to 34 % (rms) in the task "waves", is no part of the likelihood: its
-    leakage passes for signal at all frequencies. Where the evidence is for even light nothing is changed.
+    leakage passes for signal at all frequencies. Where the evidence is for even light nothing is changed;
+    but wide objects pass for an envelope now and then (docs/benchmark.md).
     """
 
     def seen(batch: Batch) -> Tensor:
