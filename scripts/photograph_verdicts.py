@@ -1,13 +1,14 @@
 """Verdicts on photographs of unknown benches, and what became of their objects: drawn, retrieved, judged.
 
     python scripts/photograph_verdicts.py truth --out photographs.csv [--first 0] [--count 330] [--workers 16] [--seconds 140]
-    python scripts/photograph_verdicts.py judge photographs.csv
+    python scripts/photograph_verdicts.py judge photographs.csv [--pictures 20]
 
 A photograph is a clean bench or one of ten perturbed ones (``perturbed_benches.py``), its camera of 96 to 288 pixels and
 2.2 to 6 a grain, its objects characters, bars, points, polygons or blobs of 6 to 24 grains, with 2 to 3000 electrons a
 pixel, 8 to 16 bits and now and then pixels that saturate: a pure function of its number. What became of it: the Pearson correlation of
 phase retrieval of four restarts, over the fitted envelope, which is told the grain, the object's side and pitch, with the diffraction-limited object.
-``judge`` draws the photographs of a table again, and says how often their verdicts were right.
+``judge`` draws the photographs of a table again, and says how often their verdicts were right; with ``--pictures`` also
+how well as many blank walls, frames of noise and pictures of each kind of ``speckle_test_table.py`` are told from them.
 """  # noqa: E501
 
 import argparse
@@ -21,6 +22,7 @@ import numpy as np
 import torch
 from _rows import write_rows
 from perturbed_benches import BENCHES, bench
+from speckle_test_table import PICTURES, Shape, area
 
 from specklegen.core.errors import RuleError
 from specklegen.core.statistics import wilson
@@ -122,20 +124,78 @@ def truth(out: Path, numbers: range, workers: int, seconds: float) -> None:
     print(f"{sum(1 for _ in out.open()) - 1} photographs after {time.time() - begun:.0f} s", flush=True)
 
 
-def judged(number: int) -> tuple[str, float]:
-    """Answer to a photograph, and the probability that is stated."""
+class Judged(NamedTuple):
+    """An answer, the probability that is stated, what speaks against speckle, and the first reason."""
+
+    answer: str
+    probability: float
+    score: float
+    reason: str
+
+
+def verdict(counts: np.ndarray) -> Judged:
+    """Verdict on a photograph; the score is infinite where no evidence was needed."""
     torch.set_num_threads(1)
-    found = judge_photograph(photograph(number)["image"][0])
-    return found.answer, found.probability
+    found = judge_photograph(counts)
+    reason = found.reasons[0].name if found.reasons else ""
+    score = float(np.square(list(found.evidence.values())).sum())
+    return Judged(found.answer, found.probability, score if reason == "no speckle" or found.answer != "no speckle"
+                  else float("inf"), reason)  # fmt: skip
 
 
-def judge(file: Path, count: int, workers: int) -> str:
+def judged(number: int) -> Judged:
+    """Verdict on a photograph of a table."""
+    return verdict(photograph(number)["image"][0])
+
+
+def wall(rng: np.random.Generator, shape: Shape) -> np.ndarray:
+    """A wall in light that falls off to one side, 20 to 2000 electrons."""
+    y, x = np.mgrid[: shape[0], : shape[1]] / max(shape)
+    a, b, c = rng.uniform(0, 0.5, 3)
+    return rng.poisson(np.exp(rng.uniform(np.log(20), np.log(2000))) * (1 + a * x + b * y + c * x * (y - x)))
+
+
+def noise(rng: np.random.Generator, shape: Shape) -> np.ndarray:
+    """Of photons, or of electronics."""
+    if rng.random() < 0.5:
+        return rng.poisson(rng.uniform(5, 500), shape)
+    return rng.normal(1000, rng.uniform(20, 200), shape)
+
+
+OTHERS = {"noise": noise, "walls": wall, **PICTURES}
+
+
+def refused(task: tuple[str, int]) -> Judged:
+    """Verdict on a picture that is no speckle, as large as photographs are."""
+    kind, number = task
+    rng = np.random.default_rng([SEED, number, list(OTHERS).index(kind)])
+    side = 2 * int(rng.uniform(48, 144))
+    return verdict(np.rint(np.clip(OTHERS[kind](rng, (side, side)), 0, None)))
+
+
+def pictures(count: int, workers: int, speckle: np.ndarray) -> list[str]:
+    """How well pictures are told from speckle whose scores are float64[n], in Markdown."""
+    tasks = [(kind, number) for number in range(count) for kind in OTHERS]
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        every = pool.map(refused, tasks, chunksize=1)
+    lines = ["", "| no speckle | pictures | AUC | refused | above .9 |", "|---|---|---|---|---|"]
+    for kind in OTHERS:
+        own = [each for task, each in zip(tasks, every, strict=True) if task[0] == kind]
+        told = sum(each.answer == "no speckle" for each in own)
+        above = sum(each.probability > CLEAR for each in own)
+        told_apart = area(np.minimum([each.score for each in own], 1e300), np.minimum(speckle, 1e300))
+        lines.append(f"| {kind} | {len(own)} | {told_apart:.3f} | {told} | {above} |")
+    return lines
+
+
+def judge(file: Path, count: int, workers: int, others: int = 0) -> str:
     """How often verdicts on the first photographs of a table were right, in Markdown."""
     with file.open(newline="") as read:
         rows = [*csv.DictReader(read)][:count]
     worked = np.array([float(row["r"]) > WORKED for row in rows])
     with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        answers, stated = zip(*pool.map(judged, [int(row["number"]) for row in rows], chunksize=1), strict=True)
+        every = pool.map(judged, [int(row["number"]) for row in rows], chunksize=1)
+    answers, stated, scores, reasons = zip(*every, strict=True)
     told, stated = np.array(answers), np.array(stated)
     parts = {name: told == name for name in dict.fromkeys(answers)}
     for name, part in (("above .9", stated > CLEAR), (".1 to .9", (stated >= 1 - CLEAR) & (stated <= CLEAR)),
@@ -152,6 +212,12 @@ def judge(file: Path, count: int, workers: int) -> str:
     lines += ["", f"Clear cases right: {right} of {clear.sum()}, {low:.2f} to {high:.2f} (Wilson, 95 %). "
               f"Sum of squares of probability less outcome: {np.square(stated - worked)[taken].sum():.1f} "
               f"of {taken.sum()}."]  # fmt: skip
+    for row, answer, reason, score in zip(rows, answers, reasons, scores, strict=True):
+        if answer == "no speckle":
+            lines.append(f"refused: {row['number']} ({row['bench']}, {row['family']}, {row['photons']} electrons, "
+                         f"r {row['r']}): {reason}, {score:.3g}")  # fmt: skip
+    if others:
+        lines += pictures(others, workers, np.array(scores))
     return "\n".join(lines)
 
 
@@ -169,9 +235,10 @@ def main() -> None:
     judging.add_argument("file", type=Path)
     judging.add_argument("--count", type=int, default=330)
     judging.add_argument("--workers", type=int, default=16)
+    judging.add_argument("--pictures", type=int, default=0, help="of each kind that is no speckle")
     given = asked.parse_args()
     if given.task == "judge":
-        print(judge(given.file, given.count, given.workers))
+        print(judge(given.file, given.count, given.workers, given.pictures))
         return
     truth(given.out, range(given.first, given.first + given.count), given.workers, given.seconds)
 

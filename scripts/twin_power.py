@@ -1,7 +1,7 @@
 """How even the p-values of ``sg.twin`` are where nothing differs, and in how many sets a wrong setup is told and named.
 
-    python scripts/twin_power.py run --out twin.csv [--runs 100] [--workers 16] [--seconds 140]
-    python scripts/twin_power.py table twin.csv
+    python scripts/twin_power.py run --out twin.csv [--first 0] [--runs 100] [--workers 16] [--seconds 140]
+    python scripts/twin_power.py table twin.csv [more.csv ...]
 
 Null: 16 photographs of 96 x 96 pixels of a drawn setup (iris, grain 3 to 6 pixels, polarised or not, noise 0 to 15 %), beside the
 setup that is fitted to them. Wrong setups: 16 stacks of five tilts of a slab (g .9, optical depth 8), whose C_I is .989 from tilt to
@@ -10,7 +10,7 @@ tilt, beside the recipe that they are not of.
 
 import argparse
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -62,10 +62,9 @@ def one(task: tuple[str, int]) -> list[Any]:
     return null(run) if kind == "fitted" else wrong(kind, run)
 
 
-def table(file: Path) -> str:
-    """What the lines say, in Markdown."""
-    with file.open() as read:
-        rows = list(csv.DictReader(read))
+def table(files: Iterable[Path]) -> str:
+    """What the lines of tables say together, in Markdown."""
+    rows = [row for file in files for row in csv.DictReader(file.read_text().splitlines())]
     lines = ["| | sets | told (p < .05) | p below .01 | named |", "|---|---|---|---|---|"]
     for kind in dict.fromkeys(row["kind"] for row in rows):
         own = [row for row in rows if row["kind"] == kind]
@@ -83,20 +82,21 @@ def main() -> None:
     """Read the command line."""
     asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     asked.add_argument("task", choices=("run", "table"))
-    asked.add_argument("file", nargs="?", type=Path)
+    asked.add_argument("files", nargs="*", type=Path)
     asked.add_argument("--out", type=Path, default=Path("twin.csv"))
+    asked.add_argument("--first", type=int, default=0)
     asked.add_argument("--runs", type=int, default=100)
     asked.add_argument("--kinds", nargs="+", default=["fitted", *WRONG])
     asked.add_argument("--workers", type=int, default=16)
     asked.add_argument("--seconds", type=float, default=1e9)
     given = asked.parse_args()
     if given.task == "table":
-        print(table(given.file or given.out))
+        print(table(given.files or [given.out]))
         return
     load_recipe("tilt-stack", RECIPE).batch(0, "train", range(2))  # compiled before there are several of us
-    tasks = [(kind, run) for run in range(given.runs) for kind in given.kinds]
+    tasks = [(kind, run) for run in range(given.first, given.first + given.runs) for kind in given.kinds]
     write_rows(one, tasks, given.out, given.workers, given.seconds, HEAD)
-    print(table(given.out))
+    print(table([given.out]))
 
 
 if __name__ == "__main__":

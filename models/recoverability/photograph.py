@@ -58,7 +58,8 @@ _EDGE = 12.0  # 2 ln of likelihoods from which on the band's edge is seen
 _BIAS = 0.02  # of ln grain: Hann's window widens the edge
 _RESOLVED = 2.05  # pixels in a grain
 _SIGNAL = 0.02  # of the mean: contrast below which an image is even
-_ALONE = 6.0  # standard deviations of the background, from which on neighbouring pixels are alike
+_ALONE = 6.0  # standard deviations of white noise, from which on neighbouring pixels are alike
+_APART = 6.0  # standard deviations of far lags, which scatter by as much as few grains do
 _REFUSED = 20.0  # sum of squares of the evidence against speckle
 LEAST = 32  # pixels along each side
 _BLOCKS = 4  # along each side
@@ -254,7 +255,8 @@ def judge_photograph(
     value, needed, reasons = _foretold(frames, band, noise, variance, extent, grains, bent, seen)
     low, high = (float(1 / (1 + np.exp(-value - side * _NINETIETH * _SCATTER))) for side in (-1, 1))
     probability = float(share(np.array(value), _SCATTER))
-    against = _against(evidence, variance, float(lags[0, 1] + lags[1, 0]) / 2 / far)
+    beside = float(lags[0, 1] + lags[1, 0]) / 2
+    against = _against(evidence, variance, beside / ((variance + noise) / np.sqrt(2 * frames.size)), beside / far)
     answer: Answer = "works" if value >= 0 else "needs frames" if needed is not None else "cannot"
     if against:
         answer, probability, (low, high), needed, reasons = "no speckle", 0.0, (0.0, 0.0), None, against
@@ -495,11 +497,14 @@ def _evidence(
     }
 
 
-def _against(evidence: dict[str, float], variance: float, beside: float) -> tuple[Reason, ...]:
-    """Why it is no speckle; empty where it may be."""
-    if variance < _SIGNAL**2 or beside < _ALONE:
+def _against(evidence: dict[str, float], variance: float, alike: float, apart: float) -> tuple[Reason, ...]:
+    """Why it is no speckle; empty where it may be. How alike neighbours are, over white noise's scatter, far lags'."""
+    if variance < _SIGNAL**2 or alike < _ALONE:
         return (Reason("nothing but noise", f"contrast {np.sqrt(variance):.2g} beyond the camera's noise",
                        "more light; check that the object shines, and the black level"),)  # fmt: skip
+    if apart < _APART:
+        return (Reason("too few patches", "shading or a picture would look like this as well as speckle",
+                       "a larger camera, or finer grains"),)  # fmt: skip
     if float(np.square(list(evidence.values())).sum()) < _REFUSED:
         return ()
     words = {

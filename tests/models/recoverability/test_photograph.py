@@ -111,6 +111,15 @@ def test_what_is_no_speckle_is_refused(name, image):
     assert found.headline.startswith("no speckle: ")
 
 
+def test_few_patches_of_bright_light_are_not_called_noise():
+    """A large smooth object on a small camera: refused, since a picture may look like it, and not for want of light."""
+    rng = np.random.default_rng(13)
+    few = judge_photograph(rng.poisson(2000 * speckle(13, 4.0, points=900, side=96)[0]))
+    assert few.answer == "no speckle"
+    assert few.reasons[0].name == "too few patches"
+    assert judge_photograph(rng.poisson(500, (96, 96))).reasons[0].name == "nothing but noise"
+
+
 @pytest.mark.parametrize(
     "image",
     [np.zeros((64, 64)), np.full((64, 64), 7), np.full((64, 64), np.nan), np.ones((3, 3)), np.zeros((0, 5)),
