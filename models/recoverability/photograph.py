@@ -74,8 +74,8 @@ class PhotographVerdict(Pictured):
     answer : str
         "works", "needs frames", "cannot" or "no speckle".
     probability : float
-        That phase retrieval comes to a Pearson correlation above .8, of these frames; 0 of what is no speckle. How
-        often it was right: docs/measured.md, of few photographs.
+        That phase retrieval comes to a Pearson correlation above .8, of these frames, if they are speckle; 0 of what is
+        seen to be none. A picture is refused in some cases only. How often both were right: docs/measured.md.
     interval : (float, float)
         Where that share lies for nine scenes of ten that look alike.
     frames_needed : int or None
@@ -266,6 +266,8 @@ def judge_photograph(
         reasons = (small, *reasons)
         answer, needed = ("cannot", None) if answer != "works" else (answer, needed)
     assumed = list(seen.assumed)
+    if not against:
+        assumed.append("that it is speckle: a picture of a thing, sharp or blurred, is refused in some cases only")
     assumed.append("one wavelength and one polarisation, and an object within the memory effect: else contrast is lost")
     envelope = 1.0 if seen.envelope is None else float(seen.envelope.max() / seen.envelope.min())
     return PhotographVerdict(

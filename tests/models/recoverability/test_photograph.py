@@ -49,6 +49,7 @@ def test_what_a_photograph_holds(grain, profile):
     assert found.interval[0] < found.probability < found.interval[1]
     assert found.grains == pytest.approx(SIDE / grain, rel=0.06)
     assert found.photons is None
+    assert "assumed: that it is speckle" in found.explain()
     told = judge_photograph(counts // 2 + 10, dark=10.0, camera=Camera(photons=1.0, gain=2.0))
     assert told.photons == pytest.approx(counts.mean(), rel=0.02)
 
@@ -109,6 +110,7 @@ def test_what_is_no_speckle_is_refused(name, image):
     assert found.probability == 0
     assert found.reasons
     assert found.headline.startswith("no speckle: ")
+    assert "that it is speckle" not in found.explain()
 
 
 def test_few_patches_of_bright_light_are_not_called_noise():
