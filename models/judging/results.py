@@ -124,8 +124,8 @@ class Results(Pictured):
     def complete(self) -> bool:
         """Whether all of the benchmark was run: other scores are not to be compared with published ones."""
         whole = all(len(each.media) == task(name).samples for name, each in self.evaluations.items())
-        drawn = [name for name in self.evaluations if not task(name).fetched]
-        return whole and drawn == [each.name for each in drawn_at(self.commitment)]
+        asked = [each.name for each in drawn_at(self.commitment)]
+        return whole and [name for name in self.evaluations if not task(name).fetched] == asked
 
     def by_family(self) -> dict[tuple[str, str], Evaluation]:
         """Parts of the tasks of several families, by task and family; of two media at least."""

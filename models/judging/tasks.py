@@ -260,8 +260,8 @@ def task(name: str) -> Task:
 
 def counted_tasks(names: Iterable[str]) -> list[str]:
     """Tasks whose mean is ranked by: those that nobody has to fetch, or all where there are no others."""
-    asked = list(names)
-    return [name for name in asked if not task(name).fetched] or asked
+    asked, fetched = list(names), [each.name for each in TASKS if each.fetched]
+    return [name for name in asked if name not in fetched] or asked
 
 
 def drawn_at(commitment: str) -> list[Task]:
