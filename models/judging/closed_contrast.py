@@ -38,7 +38,8 @@ def window_contrast_squared(batch: Batch, recipe: ContrastMap, side: int) -> Ten
     require_maps(batch)
     assert recipe.camera is not None
     stack, grain = batch["stack"].double(), recipe.camera.pixels_per_grain
-    noise = camera_noise(stack, torch.full((len(stack), 1), grain), recipe.exposure or "none", "disc")  # a lens is round
+    # The pupil of a lens is round.
+    noise = camera_noise(stack, torch.full((len(stack), 1), grain), recipe.exposure or "none", "disc")
     stack = stack / stack.mean((-2, -1), keepdim=True)
     mean, square = (
         functional.avg_pool2d(functional.avg_pool2d(each, BLOCK), side, 1, side // 2, count_include_pad=False)
