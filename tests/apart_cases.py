@@ -1,4 +1,4 @@
-"""What a user does on a device, on one that is none of the host's (:mod:`apart`); run by test_apart.py in a process."""
+"""What a user does on a device, on one that is none of the host's (:mod:`apart`); run by :mod:`apart_runs`."""
 
 from contextlib import contextmanager
 
@@ -230,7 +230,9 @@ def expected(tmp_path_factory):
     return everything(tmp_path_factory.mktemp("plain"))
 
 
-@pytest.mark.parametrize("name", ["device", "float64", pytest.param("bfloat16", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["device", *(pytest.param(name, marks=pytest.mark.slow) for name in ("float64", "bfloat16"))]
+)
 def test_what_a_program_has_set_is_no_argument(name, expected, tmp_path):
     """The same bits; they raised."""
     with set_by_a_program(name):
