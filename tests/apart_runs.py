@@ -9,13 +9,11 @@ HERE = Path(__file__).parent
 STREAMS = "streams_of or shown or asked or host"
 
 
-def require_passed(which, marked):
-    """Run the cases whose names match, with a mark or without."""
+def ended(which, marked):
+    """Run the cases whose names match, with a mark or without: the exit status, and what was said."""
     asked = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", marked, "-k", which]
     done = subprocess.run(
         [*asked, HERE / "apart_cases.py"], cwd=HERE.parent, env=os.environ | {"OMP_NUM_THREADS": "1"},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
-    said = "\n".join(line for line in done.stdout.splitlines() if "registered at" not in line)
-    assert done.returncode == 0, said[-8000:]
-    assert " passed" in said
+    return done.returncode, "\n".join(line for line in done.stdout.splitlines() if "registered at" not in line)

@@ -13,6 +13,8 @@ import specklegen as sg
 from specklegen.cli.commands import app
 from specklegen.datasets import load_recipe
 from specklegen.models.recoverability.verdict import recoverable
+from specklegen.samplers.screens.film import frame_correlation
+from specklegen.scene.window import Window
 from specklegen.synthesis.object_envelope import TOLERANCE
 
 NAMES = ["ground-glass", "double-diffuser", "screen-stack"]
@@ -199,3 +201,14 @@ def test_the_command_line_takes_every_sampler_that_the_planner_does(tmp_path):
     refused = CliRunner().invoke(app, [*words, "screen"])
     assert isinstance(refused.exception, sg.RuleError)
     assert "sampler must be one of" in str(refused.exception)
+
+
+@pytest.mark.parametrize("speed", [0.01, 1.0, 5.0])
+def test_a_correlation_time_is_where_the_field_has_fallen_to_1_over_e(speed):
+    """Of slow and fast screens that move along both axes."""
+    motion = [[0.7 * speed, -0.4 * speed], [0.1 * speed, 0.2 * speed]]
+    recipe = load_recipe("moving-diffuser", {"dynamics": {"velocities": motion}})
+    drawn = {name: float(value) for name, value in recipe.sample(0, "test", 3)["parameters"].items()}
+    stack = recipe.material.slab_of(drawn).stack.replace(velocities=motion)
+    window, moved = Window(recipe.profile, drawn["width"]), stack.moved([drawn["correlation_time"]])
+    assert frame_correlation(stack, drawn["wavelength"], moved, window) == pytest.approx([np.exp(-1)], rel=1e-8)
