@@ -38,6 +38,16 @@ def _modules(top: str) -> list[Path]:
     return [file for file in (ROOT / top).rglob("*.py") if not any(file.is_relative_to(link) for link in links)]
 
 
+def test_every_tracked_file_has_a_name_that_any_system_can_hold():
+    """A colon would break a checkout on Windows; what tests leave behind by mistake may hold one."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("no checkout of git")
+    said = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    names = said.rstrip("\0").split("\0")
+    assert len(names) > 500
+    assert [name for name in names if not re.fullmatch(r"[A-Za-z0-9._/+-]+", name)] == []
+
+
 def _folders() -> set[str]:
     """Every package in the tree, under the name that it is imported by."""
     found = set()
