@@ -156,7 +156,8 @@ def by_package(rng: np.random.Generator, asked: Set) -> Drawn:
     truth, wavelength = max(LETTER.shape) / asked.extent, 0.5
     pitch = _half(_correlation(name)) * wavelength / (2 * np.pi) / truth  # direction sine of a pixel
     recipe = load_recipe("through-slab", {
-        "media": "new", "material": {"wavelength": wavelength, "thickness": 1000.0, "optical_depth": depth, "g": g},
+        "media": "new", "sampler": "stationary",
+        "material": {"wavelength": wavelength, "thickness": 1000.0, "optical_depth": depth, "g": g},
         "window": {"width": wavelength / pitch / asked.grain, "profile": asked.profile},
         "camera": {"shape": [SIDE, SIDE], "pixels_per_grain": asked.grain},
         "field": {"pitch": pitch, "extent_over_range": None},
