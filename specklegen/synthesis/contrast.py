@@ -7,7 +7,12 @@ the product of their means is
 
 A(s) the autocorrelation of the window's intensity b^2, a(s) the transform of the pixel's area, n the modes
 of the light. A finite window makes different beams independent from one speckle grain on, whatever the
-memory effect says.
+memory effect says. This is the law of a window behind the medium, as the stationary sampler has it.
+
+Path sums have the window where it is, before the medium: beam i at view v adds up to b(x) e^(ik i . x) over entrances x
+and e^(-ik v . (x + r)) over the ways r to the exit. So two beams have B(v - v' - i + i') K(v - v') in common, B the
+transform of b^2, and at one view the memory effect does not enter: V without K. The two agree where K falls little
+over a grain.
 """
 
 from __future__ import annotations
@@ -88,16 +93,7 @@ def speckle_variance(
     ones = torch.ones(len(sight), dtype=torch.float64, device=sight.device)
     modes = [(ones, correlations)] if light is None else [*zip(light.shares.unbind(1), light.modes, strict=True)]
     shape, wavevector = sight.shape, sight.wavenumber * sight.object_pitch
-    if sight.profile == "disc":
-        # On the CPU each alone: cells of companions would have it transformed on another grid, to other last bits.
-        each = [slice(n, n + 1) for n in range(len(sight))] if one_by_one(sight.device) else [slice(None)]
-        shown = torch.cat([_disc_lags(sight.at(own), wavevector[own]) for own in each])
-    else:
-        along = [
-            lag_transform(power, sight.cells.size[:, axis], wavevector, sight.pixel, shape[axis])
-            for axis, power in enumerate(window_powers(sight))
-        ]
-        shown = along[0][:, :, None] * along[1][:, None]
+    shown = window_variance(sight)
     if not all(k.isotropic for _, k in modes):
         signed = [share.square()[:, None, None] * on_signed_differences(k, shape, wavevector).square()
                   for share, k in modes]  # fmt: skip
@@ -105,6 +101,20 @@ def speckle_variance(
         return shown[:, y[:, None], x] * sum(signed[1:], signed[0])
     seen = [share.square()[:, None, None] * on_differences(k, shape, wavevector).square() for share, k in modes]
     return shown * sum(seen[1:], seen[0])
+
+
+def window_variance(sight: Sight) -> torch.Tensor:
+    """V of beams that have all but the window in common, by the differences of object pixels: float64[M, h, w]."""
+    shape, wavevector = sight.shape, sight.wavenumber * sight.object_pitch
+    if sight.profile == "disc":
+        # On the CPU each alone: cells of companions would have it transformed on another grid, to other last bits.
+        each = [slice(n, n + 1) for n in range(len(sight))] if one_by_one(sight.device) else [slice(None)]
+        return torch.cat([_disc_lags(sight.at(own), wavevector[own]) for own in each])
+    along = [
+        lag_transform(power, sight.cells.size[:, axis], wavevector, sight.pixel, shape[axis])
+        for axis, power in enumerate(window_powers(sight))
+    ]
+    return along[0][:, :, None] * along[1][:, None]
 
 
 def _wrapped(period: int, device: torch.device) -> torch.Tensor:
@@ -221,20 +231,20 @@ def speckle_contrast(light: torch.Tensor, variance: torch.Tensor) -> torch.Tenso
 
 @dataclass(frozen=True)
 class ExpectedContrast:
-    """Contrast as the memory effect of a medium tells it.
+    """Contrast of images by path sums, which the window alone tells.
 
     Attributes
     ----------
     variance : float64[1, h, w]
-        From :func:`speckle_variance`.
+        From :func:`window_variance`.
     """
 
     variance: torch.Tensor
 
     @classmethod
-    def of(cls, sight: Sight, correlations: Correlations) -> Self:
-        """Return the variance under light of one mode."""
-        return cls(speckle_variance(sight, correlations))
+    def of(cls, sight: Sight) -> Self:
+        """Return the variance of objects that are seen so."""
+        return cls(window_variance(sight))
 
     def contrast(self, light: torch.Tensor) -> torch.Tensor:
         """Expected contrast float64[B] of images of objects real[B, h, w] under polarised light."""
