@@ -1,6 +1,7 @@
 """Networks trained on benches that differ (``lab-mild``) and on one that does not, on ten perturbed benches: paired.
 
     python scripts/lab_training.py --out runs/lab [--samples 24576] [--epochs 30] [--seeds 3] [--workers 16] [--device cuda]
+    python scripts/lab_training.py --out runs/on --work runs/lab --start runs/lab --epochs 12 --rate 3e-4  # both go on
     python scripts/lab_training.py --table runs/lab/scores.npz
     python scripts/lab_training.py --out runs/lab --frames FOLDER  # those networks, on a camera's frames (docs/benchmark.md)
 
@@ -82,16 +83,17 @@ def gathered(parts: list[tuple[np.ndarray, ...]]) -> Examples:
     return Examples(*(torch.from_numpy(np.concatenate(each)) for each in zip(*parts, strict=True)))
 
 
-def trained(task: tuple[str, int, int, float | None, str, str]) -> str:
+def trained(task: tuple[str, int, int, float | None, str, str, str, float, str | None]) -> str:
     """Train one network; its file."""
-    kind, seed, epochs, seconds, device, folder = task
+    kind, seed, epochs, seconds, device, work, folder, rate, before = task
     torch.set_num_threads(1)
-    data, held = (torch.load(f"{folder}/{kind}-{split}.pt", weights_only=False) for split in ("train", "validation"))
-    settings = Training(network="residual", width=26, learning_rate=1e-3, mirror=True, epochs=epochs, seed=seed)
+    data, held = (torch.load(f"{work}/{kind}-{split}.pt", weights_only=False) for split in ("train", "validation"))
+    settings = Training(network="residual", width=26, learning_rate=rate, mirror=True, epochs=epochs, seed=seed)
+    start = None if before is None else Reconstructor.load(f"{before}/{KINDS[0]}-{seed}.pt")
     begun = time.time()
     steps = [0]
-    model = train(settings, Examples(*data), Examples(*held), f"{folder}/{kind}-{seed}", device=device, seconds=seconds,
-                  steps=lambda done, _: steps.__setitem__(0, done))  # fmt: skip
+    model = train(settings, Examples(*data), Examples(*held), f"{folder}/{kind}-{seed}", device=device,
+                  seconds=seconds, start=start, steps=lambda done, _: steps.__setitem__(0, done))  # fmt: skip
     file = f"{folder}/{kind}-{seed}.pt"
     model.save(file, compact=True)
     print(f"{kind} {seed}: {time.time() - begun:.0f} s, {steps[0]} steps", flush=True)
@@ -144,7 +146,7 @@ def on_frames(folder: Path, clone: Path) -> str:
     shapes = [n % len(frames.SHAPES) for n in range(frames.SAMPLES)]
     lines = ["| seed | match: " + ", ".join(KINDS) + " | named rightly, of 32 |", "|---|---|---|"]
     every = []
-    for seed in range(len([*folder.glob(f"{KINDS[0]}-*.pt")])):
+    for seed in range(len([*folder.glob(f"{KINDS[0]}-[0-9]*.pt")])):
         models = [Reconstructor.load(str(folder / f"{kind}-{seed}.pt")) for kind in KINDS]
         answers = [torch.cat([model.reconstruct(batch) for batch in batches]) for model in models]
         every.append([frames.scores(each, shapes)["pearson"] for each in answers])
@@ -166,10 +168,12 @@ def main() -> None:
     asked.add_argument("--epochs", type=int, default=30)
     asked.add_argument("--seconds", type=float, help="by the clock, of each network: shortens the training")
     asked.add_argument("--seeds", type=int, default=3)
+    asked.add_argument("--rate", type=float, default=1e-3, help="learning rate")
+    asked.add_argument("--start", type=Path, help="folder of an earlier run: both begin with its clean networks")
     asked.add_argument("--tests", type=int, default=192)
     asked.add_argument("--workers", type=int, default=16)
     asked.add_argument("--device", default="cpu")
-    asked.add_argument("--work", type=Path, help="folder for what is not to be kept")
+    asked.add_argument("--work", type=Path, help="folder for training images; what is there is taken")
     given = asked.parse_args()
     if given.table is not None:
         print(table(given.table))
@@ -191,13 +195,16 @@ def main() -> None:
     with fork.Pool(given.workers) as pool:
         for kind in KINDS:
             for split, count in (("train", given.samples), ("validation", 384)):
+                if (work / f"{kind}-{split}.pt").exists():
+                    continue
                 tasks = [(kind, split, 0, first) for first in range(0, count, _PIECE)]
                 torch.save(tuple(gathered(pool.map(piece, tasks, chunksize=1))), work / f"{kind}-{split}.pt")
         tests = {}
         for name in BENCHES:
             tests[name] = pool.map(seen, [(name, 7, first) for first in range(0, given.tests, _PIECE)], chunksize=1)
     print(f"drawn after {time.time() - begun:.0f} s", flush=True)
-    about = given.epochs, given.seconds, given.device, str(work)
+    before = None if given.start is None else str(given.start)
+    about = given.epochs, given.seconds, given.device, str(work), str(given.out), given.rate, before
     tasks = [(kind, seed, *about) for seed in range(given.seeds) for kind in KINDS]
     with multiprocessing.get_context("spawn").Pool(min(len(tasks), given.workers)) as pool:
         files = pool.map(trained, tasks, chunksize=1)
@@ -208,8 +215,6 @@ def main() -> None:
     scores = scores.reshape(given.seeds, len(KINDS), len(BENCHES), -1).swapaxes(0, 1)
     media, labels = (np.stack([each[n] for each in told]) for n in (1, 2))
     np.savez_compressed(given.out / "scores.npz", scores=scores, media=media, labels=labels, benches=[*BENCHES])
-    for file in files:
-        (given.out / Path(file).name).write_bytes(Path(file).read_bytes())
     print(table(given.out / "scores.npz"))
     print(f"done after {time.time() - begun:.0f} s", flush=True)
 
