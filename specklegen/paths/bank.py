@@ -145,7 +145,9 @@ def backwards(matrices: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.n
 
 
 def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
-    """Join banks in the order given."""
+    """Join banks in the order given; one alone is itself."""
+    if len(banks) == 1:
+        return banks[0]
     ends = np.cumsum([0, *map(len, banks)])
     total = ends[-1]
     columns = banks[0].records.shape[1] if banks else walk.RECORD

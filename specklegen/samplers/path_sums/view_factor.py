@@ -14,7 +14,9 @@ below what was asked, or the tiles are too wide.
 """
 
 from bisect import bisect_left
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
@@ -222,7 +224,10 @@ def _decompose(
         regular = int((np.abs(np.diagonal(r)) > 1e-13 * np.abs(r[0, 0])).sum())
         most = min(int((tails > 0.2 * tolerance * tails[0]).sum()) + 8, MAX_RANK, regular, len(training) // 2 + 1)
         truths = truths or [values(*judge, spots) for judge in judges]
-        skeletons = [values(*judge, lattice.steps[pivots[:most]]) for judge in judges]
+
+        def skeletons(first: int, last: int, steps: np.ndarray = lattice.steps[pivots]) -> list[np.ndarray]:
+            return [values(*judge, steps[first:last]) for judge in judges]
+
         factor = _least_rank(lattice, r[:most], pivots, skeletons, spots, truths, tolerance)
         if factor is not None:
             return factor
@@ -251,21 +256,39 @@ def _least_rank(
     lattice: "_Lattice",
     r: np.ndarray,
     pivots: np.ndarray,
-    skeletons: list[np.ndarray],
+    skeletons: Callable[[int, int], list[np.ndarray]],
     spots: np.ndarray,
     truths: list[np.ndarray],
     tolerance: float,
 ) -> ViewFactor | None:
-    """The least rank within the tolerance on held-out connections; None if all of ``skeletons`` are too few."""
+    """The least rank within the tolerance on held-out connections; None if as many as ``r`` has rows are too few.
 
+    Rank one serves most grids, so it is tried before F is found at any further ``skeletons`` (first, last).
+    """
+    sizes = [_size(truth) for truth in truths]
+    known = skeletons(0, 1)
+
+    @cache
     def error(rank: int) -> float:
-        return _worst([some[:, :rank] for some in skeletons], lattice.at(_mix(r, pivots, rank), spots), truths)
+        mix = lattice.at(_mix(r, pivots, rank), spots)
+        parts = zip(known, truths, sizes, strict=True)
+        return max(_size(some[:, :rank] @ mix - truth) / size for some, truth, size in parts)
 
-    if error(len(r)) > tolerance:
+    rank = 1
+    if len(r) > 1 and error(1) > tolerance:
+        known = [np.hstack(both) for both in zip(known, skeletons(1, len(r)), strict=True)]
+        if error(len(r)) > tolerance:
+            return None
+        rank = bisect_left(range(2, len(r)), -tolerance, key=lambda rank: -error(rank)) + 2
+    if error(rank) > tolerance:
         return None
-    rank = bisect_left(range(1, len(r)), -tolerance, key=lambda rank: -error(rank)) + 1
     mix = _mix(r, pivots, rank)
     return ViewFactor(lattice.steps[pivots[:rank]], lattice.cube(mix), *lattice.to_tile(), error(rank))
+
+
+def _size(values: np.ndarray) -> float:
+    """Root of the sum of squares, above 0."""
+    return max(float(np.linalg.norm(values)), 1e-300)
 
 
 def _mix(r: np.ndarray, pivots: np.ndarray, rank: int) -> np.ndarray:
@@ -278,7 +301,7 @@ def _mix(r: np.ndarray, pivots: np.ndarray, rank: int) -> np.ndarray:
 def _worst(skeletons: list[np.ndarray], mix: np.ndarray, truths: list[np.ndarray]) -> float:
     """Largest relative root mean square error, over tiles, of ``skeletons @ mix``."""
     return max(
-        float(np.linalg.norm(some @ mix - truth) / max(np.linalg.norm(truth), 1e-300))
+        _size(some @ mix - truth) / _size(truth)
         for some, truth in zip(skeletons, truths, strict=True)
     )
 
