@@ -24,6 +24,7 @@ from specklegen.paths.kept_angles import each_light
 from specklegen.paths.layout import Layout
 from specklegen.samplers.path_sums.tiling import Tile, Tiling
 from specklegen.samplers.path_sums.view_factor import (
+    MAX_RANK,
     ViewFactor,
     error_of_single,
     factor_values,
@@ -102,14 +103,16 @@ class NufftPlan:
 
 
 def build_nufft_plan(
-    layout: Layout, bank: PathBank, grid: FarFieldGrid, tolerance: float, tiling: Tiling | None = None
-) -> NufftPlan | None:
+    layout: Layout, bank: PathBank, grid: FarFieldGrid, tolerance: float, tiling: Tiling | None = None,
+    most: int = MAX_RANK,
+) -> NufftPlan | None:  # fmt: skip
     """Decompose a scene's view factors on a pilot bank; None where the tiles (by default, the grid) are too wide.
 
-    Single scattering has a view factor of its own, but where the rest's of rank one serves it: nothing is cheaper.
+    Nor is there one where that of multiple scattering takes clearly more than ``most`` terms. Single scattering has a
+    view factor of its own, but where the rest's of rank one serves it: nothing is cheaper.
     """
     tiling = tiling or Tiling(grid, grid.shape)
-    multiple = multiple_factor(layout, bank.multiple, tiling, _FACTOR_SHARE * tolerance)
+    multiple = multiple_factor(layout, bank.multiple, tiling, _FACTOR_SHARE * tolerance, most)
     share = float(np.mean(bank.orders == 1)) if len(bank) else 0.0
     if multiple is None:
         return None
