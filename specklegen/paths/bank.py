@@ -109,7 +109,9 @@ class PathBank:
         return self.select(self.orders > 1)
 
     def select(self, mask: np.ndarray | slice) -> Self:
-        """Return the connections chosen by a mask or a slice."""
+        """Return the connections chosen by a mask, their numbers or a slice."""
+        if isinstance(mask, np.ndarray) and mask.dtype == bool:
+            mask = np.flatnonzero(mask)  # looked through once, not for every array
         return replace(self, **{name: a[mask] for name, a in vars(self).items() if isinstance(a, np.ndarray)})
 
     def reversed(self) -> Self:
