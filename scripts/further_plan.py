@@ -66,7 +66,8 @@ def layers(free: float) -> sg.Scene:
 def _around(near: bool) -> tuple[sg.PlaneWaves, object]:
     angles = np.linspace(0.1, 0.5, 30)
     aside = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=-1)
-    return sg.PlaneWaves(directions=aside[::10]), sg.NearField(points=60 * aside) if near else sg.FarField(directions=aside)
+    sensor = sg.NearField(points=60 * aside) if near else sg.FarField(directions=aside)
+    return sg.PlaneWaves(directions=aside[::10]), sensor
 
 
 def box(free: float, near: bool = False) -> sg.Scene:

@@ -118,7 +118,7 @@ def relative_variance(weights: np.ndarray, paths: np.ndarray, count: int) -> flo
 
 
 def _over_mean(weights: np.ndarray, paths: np.ndarray, count: int) -> tuple[np.ndarray, float]:
-    """Weights float64[count] of whole paths over their mean, before they are squared: that of faint light underflows."""
+    """Weights float64[count] of paths over their mean, before they are squared: that of faint light underflows."""
     whole = np.bincount(paths, weights, count)
     mean = float(whole.mean())
     return whole / mean if mean > 0 else whole, mean
