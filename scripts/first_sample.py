@@ -1,4 +1,4 @@
-"""Processor seconds of the first sample of a process: what is imported, the plan, the sample; pilots anew, and kept.
+"""Processor seconds of the first sample of a process: imports, plan, sample and its modes; pilots anew, and kept.
 
     python scripts/first_sample.py                                         table of three recipes, three runs each
     python scripts/first_sample.py --recipes any-object --runs 5
@@ -14,18 +14,26 @@ import subprocess
 import sys
 
 RECIPES = ("unknown-slab", "through-slab", "beyond-memory-effect")
-STEPS = ("imports", "plan", "sample")
+STEPS = ("imports", "plan", "sample", "of it modes")
 PROGRAM = """
 import json, sys, time
 from specklegen.datasets import load_recipe
 import torch, scipy.special, numba
+from specklegen.synthesis import imaging
+make, modes = imaging.karhunen_loeve, []
+def timed(*given):
+    begun = time.process_time()
+    made = make(*given)
+    modes.append(time.process_time() - begun)
+    return made
+imaging.karhunen_loeve = timed
 spent = [time.process_time()]
 recipe = load_recipe(sys.argv[1])
 recipe.rendering
 spent.append(time.process_time())
 recipe.sample(0, "train", 0)
 spent.append(time.process_time())
-print(json.dumps([b - a for a, b in zip([0.0, *spent[:-1]], spent)]))
+print(json.dumps([b - a for a, b in zip([0.0, *spent[:-1]], spent)] + [sum(modes)]))
 """
 
 
@@ -52,7 +60,7 @@ def main() -> None:
             for pilots, rows in found.items():
                 rows.append(once(name, pilots))
         for pilots, rows in found.items():
-            told = (f"{min(step):.2f} to {max(step):.2f}" for step in zip(*rows, strict=True))
+            told = (f"{min(step):.3f} to {max(step):.3f}" for step in zip(*rows, strict=True))
             print(f"| {name} | {pilots} | {' | '.join(told)} |", flush=True)
 
 

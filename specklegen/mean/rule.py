@@ -70,9 +70,10 @@ def _strongest_mean(scene: Scene) -> float:
         return intensity(FarField(directions=directions_of_sines("view", sines, grid.sign)))
 
     near_x, near_y = (axis[np.argsort(np.abs(axis - sine))] for axis, sine in zip(grid.sines, tilt, strict=False))
+    if beam.profile == "disc":
+        return float(over(near_x[:_BLOCK], near_y[:_BLOCK]).max())
     along, across = over(near_x, near_y[:1])[0], over(near_x[:1], near_y)[:, 0]
-    best = over(near_x[[along.argmax()]], near_y[[across.argmax()]])
-    return float(max(best.max(), over(near_x[:_BLOCK], near_y[:_BLOCK]).max()))
+    return float(over(near_x[[along.argmax()]], near_y[[across.argmax()]]).max())
 
 
 def _volume_mean_decision(scene: Scene, tolerance: float, reverse: bool) -> Decision:

@@ -90,10 +90,10 @@ def _integrals(
     else:
         cosines, ring = np.array([1.0, -1.0]), np.ones(2)
         lorentzian, measure = (a / np.maximum(across, 1e-9) for a in (lorentzian, measure))
-    near = rest * across[:, None] * cosines
-    to_light, to_view = half * along[:, None] + near, half * along[:, None] - near
-    there = _density(scatterer, to_light, dimensions) * _density(scatterer, to_view, dimensions)
-    back = _density(scatterer, -to_light, dimensions) * _density(scatterer, -to_view, dimensions)
+    # The nodes lie evenly about 0 in u and in the cosine: -cosine swaps the legs, -u and -cosine turn both round.
+    seen = _density(scatterer, half * along[:, None] + rest * across[:, None] * cosines, dimensions)
+    there = seen * seen[:, ::-1]
+    back = there[::-1]
     crossed = float(lorentzian @ (np.sqrt(there * back) @ ring)) / rate
     double = float(measure @ ((there + back) @ ring)) / 2 / rate
     return crossed, max(double, np.finfo(float).tiny)

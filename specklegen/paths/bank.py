@@ -109,7 +109,9 @@ class PathBank:
         return self.select(self.orders > 1)
 
     def select(self, mask: np.ndarray | slice) -> Self:
-        """Return the connections chosen by a mask or a slice."""
+        """Return the connections chosen by a mask, their numbers or a slice."""
+        if isinstance(mask, np.ndarray) and mask.dtype == bool:
+            mask = np.flatnonzero(mask)  # looked through once, not for every array
         return replace(self, **{name: a[mask] for name, a in vars(self).items() if isinstance(a, np.ndarray)})
 
     def reversed(self) -> Self:
@@ -145,7 +147,9 @@ def backwards(matrices: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.n
 
 
 def concatenate(banks: list[PathBank], threads: Threads = 1) -> PathBank:
-    """Join banks in the order given."""
+    """Join banks in the order given; one alone is itself."""
+    if len(banks) == 1:
+        return banks[0]
     ends = np.cumsum([0, *map(len, banks)])
     total = ends[-1]
     columns = banks[0].records.shape[1] if banks else walk.RECORD

@@ -235,13 +235,14 @@ def contributions_of_pairs(layout: Layout, bank: PathBank) -> np.ndarray:
     """float64[T, V, M], the same for every light and view of a layout; each end of a connection is looked at once."""
     lights = bank.weight * _end_powers(layout, bank, layout.lights, "entry")
     power = lights[:, None] * _end_powers(layout, bank, layout.views, "exit")
-    once = bank.orders == 1
+    once = np.flatnonzero(bank.orders == 1)
     if layout.polarised is not None:
-        many = bank.select(~once)
+        often = np.flatnonzero(bank.orders != 1)
+        many = bank.select(often)
         into = layout.polarised.arriving(many, -layout.lights.vectors)
         out = layout.polarised.passing(many, layout.views.vectors)
-        power[..., ~once] *= np.square(np.abs((into[:, :, None] * out[:, None]).sum(axis=0)))
-    if once.any():
+        power[..., often] *= np.square(np.abs((into[:, :, None] * out[:, None]).sum(axis=0)))
+    if len(once):
         power[..., once] *= np.square(np.abs(single_factors(layout, bank.select(once))))
     return power
 

@@ -73,12 +73,9 @@ class PathMoments:
     @classmethod
     def of(cls, weights: np.ndarray, paths: np.ndarray, count: int) -> "PathMoments":
         """Moments of connections of weight float64[M] on paths int64[M], of ``count`` paths traced."""
-        whole = np.bincount(paths, weights, count)
-        mean = whole.mean()
+        seen, mean = _over_mean(weights, paths, count)
         if not mean > 0:
             return cls(0.0, 0.0)
-        # Over the mean before they are squared: the square of faint light underflows.
-        seen = whole / mean
         return cls(float(seen.var()), float(np.square(weights / mean).sum() / count), float(effective_count(seen - 1)))
 
     def stated(self) -> "PathMoments":
@@ -112,3 +109,16 @@ class PathMoments:
             return EXACT
         excess = (2 * self.relative_variance - self.concentration) / paths
         return Gaussianity(paths / self.concentration, excess)
+
+
+def relative_variance(weights: np.ndarray, paths: np.ndarray, count: int) -> float:
+    """Return that of :meth:`PathMoments.of` alone, which tells the worst light and view."""
+    seen, mean = _over_mean(weights, paths, count)
+    return float(seen.var()) if mean > 0 else 0.0
+
+
+def _over_mean(weights: np.ndarray, paths: np.ndarray, count: int) -> tuple[np.ndarray, float]:
+    """Weights float64[count] of paths over their mean, before they are squared: that of faint light underflows."""
+    whole = np.bincount(paths, weights, count)
+    mean = float(whole.mean())
+    return whole / mean if mean > 0 else whole, mean

@@ -17,7 +17,7 @@ from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
 from specklegen.paths.deep_absorption import crossing_variances, dark_views
 from specklegen.paths.endpoint_factors import contributions_of_pairs, multiple_amplitudes, single_amplitudes
-from specklegen.paths.gaussianity import PathMoments
+from specklegen.paths.gaussianity import PathMoments, relative_variance
 from specklegen.paths.rare_paths import ENOUGH, rare_paths_decision
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.tracer import Tracer, lock_step_obstacle, slab_tracer, volume_tracer
@@ -180,9 +180,9 @@ def _powers(tracer: Tracer, reverse: bool, bank: PathBank) -> _Powers:
 def _worst(found: _Powers, count: int) -> PathMoments:
     """Moments at the light and view where the weights of ``count`` paths vary most."""
     paths = np.concatenate([owner for owner, _ in found])
-    each = zip(*(weights for _, weights in found), strict=True)
-    moments = (PathMoments.of(np.concatenate(weights), paths, count) for weights in each)
-    return max(moments, key=lambda m: m.relative_variance, default=PathMoments(0.0, 0.0))
+    each = (np.concatenate(weights) for weights in zip(*(weights for _, weights in found), strict=True))
+    worst = max(each, key=lambda weights: relative_variance(weights, paths, count), default=np.zeros(len(paths)))
+    return PathMoments.of(worst, paths, count)
 
 
 def _sure(tracer: Tracer, reverse: bool, seed: Seed, bank: PathBank, found: _Powers) -> PathMoments:

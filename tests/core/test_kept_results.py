@@ -3,10 +3,14 @@
 import ast
 import dataclasses
 import errno
+import hashlib
 import json
+import multiprocessing
 import os
+import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -185,6 +189,44 @@ def test_many_threads_keep_one_result(cache):
     assert all(np.array_equal(each, numbers) for each in found)
     assert len(files(cache)) == 1
     assert not list(cache.rglob("*.partial"))
+
+
+RACERS, RACED = 4, 200
+
+
+def raced(wait: Callable[[], object] = lambda: None) -> tuple[str, int]:
+    """Digest of all that a process finds, and how many results it may still write: none after a write that failed."""
+
+    def find(n: int) -> np.ndarray:
+        wait()  # for the others, which are about to write the same
+        return np.full(500, n / 7)
+
+    found = [kept_result(np.ndarray, ("raced", n), lambda n=n: find(n)).tobytes() for n in range(RACED)]
+    told = hashlib.sha256(repr([*found, outcome("path sums"), outcome("hidden")]).encode()).hexdigest()
+    return told, kept_results._Room.left
+
+
+def kept_bytes(cache: Path) -> dict[str, bytes]:
+    return {str(file.relative_to(cache)): file.read_bytes() for file in (cache / "pilots").rglob("*") if file.is_file()}
+
+
+def test_processes_that_write_into_one_empty_folder_at_once_leave_what_one_leaves(cache):
+    """The same plans, stacks and files to the byte, none half written; and no write of any process failed."""
+    alone, _ = raced()
+    written = kept_bytes(cache)
+    shutil.rmtree(cache / "pilots")
+    fork = multiprocessing.get_context("fork")  # kernels are loaded
+    start, told = fork.Barrier(RACERS, timeout=120), fork.Queue()
+    processes = [fork.Process(target=lambda: told.put(raced(start.wait)), daemon=True) for _ in range(RACERS)]
+    for each in processes:
+        each.start()
+    results = [told.get(timeout=300) for _ in processes]
+    for each in processes:
+        each.join()
+    assert [digest for digest, _ in results] == [alone] * RACERS
+    assert min(left for _, left in results) > 0
+    assert len(written) > RACED
+    assert kept_bytes(cache) == written
 
 
 def test_a_result_is_of_one_question_one_package_and_one_machine(cache, monkeypatch):

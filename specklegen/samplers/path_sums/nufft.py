@@ -24,6 +24,7 @@ from specklegen.paths.kept_angles import each_light
 from specklegen.paths.layout import Layout
 from specklegen.samplers.path_sums.tiling import Tile, Tiling
 from specklegen.samplers.path_sums.view_factor import (
+    MAX_RANK,
     ViewFactor,
     error_of_single,
     factor_values,
@@ -102,21 +103,29 @@ class NufftPlan:
 
 
 def build_nufft_plan(
-    layout: Layout, bank: PathBank, grid: FarFieldGrid, tolerance: float, tiling: Tiling | None = None
-) -> NufftPlan | None:
-    """Decompose a scene's view factors on a pilot bank; None where the tiles (by default, the grid) are too wide."""
+    layout: Layout, bank: PathBank, grid: FarFieldGrid, tolerance: float, tiling: Tiling | None = None,
+    most: int = MAX_RANK,
+) -> NufftPlan | None:  # fmt: skip
+    """Decompose a scene's view factors on a pilot bank; None where the tiles (by default, the grid) are too wide.
+
+    Nor is there one where that of multiple scattering takes clearly more than ``most`` terms. Single scattering has a
+    view factor of its own, but where the rest's of rank one serves it: nothing is cheaper.
+    """
     tiling = tiling or Tiling(grid, grid.shape)
-    multiple = multiple_factor(layout, bank.multiple, tiling, _FACTOR_SHARE * tolerance)
+    multiple = multiple_factor(layout, bank.multiple, tiling, _FACTOR_SHARE * tolerance, most)
     share = float(np.mean(bank.orders == 1)) if len(bank) else 0.0
-    if multiple is not None and layout.ways is not None:  # connections differ in s(i . v) by their legs
-        error = error_of_single(layout, multiple, tiling, bank.single) if share else 0.0
-        return NufftPlan(tiling, multiple, None, share, tolerance) if error <= _FACTOR_SHARE * tolerance else None
-    single = None if multiple is None else single_factor(layout, tiling, _FACTOR_SHARE * tolerance)
-    if multiple is None or single is None:
+    if multiple is None:
         return None
-    plan = NufftPlan(tiling, multiple, single, share, tolerance)
+    joined = NufftPlan(tiling, multiple, None, share, tolerance)
+    if layout.ways is not None:  # connections differ in s(i . v) by their legs
+        error = error_of_single(layout, multiple, tiling, bank.single) if share else 0.0
+        return joined if error <= _FACTOR_SHARE * tolerance else None
     # Of several types each has an s(i . v) of its own, which no common factor at the end holds.
-    return plan if len(layout.table.kinds) == 1 else together(layout, plan)
+    alike = len(layout.table.kinds) == 1
+    if (multiple.rank == 1 or not alike) and _serves_single(layout, joined):
+        return joined
+    single = single_factor(layout, tiling, _FACTOR_SHARE * tolerance) if alike else None
+    return None if single is None else replace(joined, single=single)
 
 
 def together(layout: Layout, summation: NufftPlan) -> NufftPlan | None:
@@ -125,10 +134,17 @@ def together(layout: Layout, summation: NufftPlan) -> NufftPlan | None:
     Nor where faces reflect. It saves the transforms of single scattering, but spreads it at the rank of multiple
     scattering.
     """
-    if summation.single is None or not layout.faces.matched:
-        return None  # connections differ in s(i . v) by their reflections
+    if summation.single is None or not _serves_single(layout, summation):
+        return None
+    return replace(summation, single=None)
+
+
+def _serves_single(layout: Layout, summation: NufftPlan) -> bool:
+    """Whether the view factor of multiple scattering serves single scattering within the tolerance."""
+    if not layout.faces.matched:
+        return False  # connections differ in s(i . v) by their reflections
     error = error_of_single(layout, summation.multiple, summation.tiling)
-    return replace(summation, single=None) if error <= _FACTOR_SHARE * summation.tolerance else None
+    return error <= _FACTOR_SHARE * summation.tolerance
 
 
 def nufft_field(

@@ -1,6 +1,9 @@
 """Which summation sums a scene's connections on a regular grid: the NUFFT, in how many tiles, or the direct sum."""
 
-from dataclasses import dataclass
+from bisect import bisect_left
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from specklegen.core.decision import Decision
 from specklegen.core.kept_results import kept_result
@@ -13,7 +16,7 @@ from specklegen.samplers.path_sums.cost import direct_operations, nufft_operatio
 from specklegen.samplers.path_sums.direct import is_plain_slab
 from specklegen.samplers.path_sums.nufft import NufftPlan, build_nufft_plan, together
 from specklegen.samplers.path_sums.tiling import Tiling, tilings
-from specklegen.samplers.path_sums.view_factor import ViewFactor, constant_factor
+from specklegen.samplers.path_sums.view_factor import MAX_RANK, ViewFactor, constant_factor
 from specklegen.scene.scene import Scene
 
 _PATHS = 100_000
@@ -64,18 +67,26 @@ def _cheapest_tiles(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan 
         return seconds(nufft_operations(summation, at_once, connections, chunks), 1)
 
     best, least = None, seconds(direct_operations(at_once, connections, rows * columns, is_plain_slab(layout)), 1)
+    share = float(np.mean(pilot.bank.orders == 1)) if len(pilot.bank) else 0.0
+
+    def least_cost(tiling: Tiling, rank: int) -> float:
+        """Of tiles on which multiple scattering takes so many terms, and single scattering joins it or takes one."""
+        flat = constant_factor(tiling)
+        terms = replace(flat, steps=np.zeros((rank, 2)))
+        return min(cost(NufftPlan(tiling, terms, single, share, tolerance)) for single in (None, flat))
+
     with one_blas_thread():
         for tiling in tilings(scene.grid):
-            flat = constant_factor(tiling)
-            if cost(NufftPlan(tiling, flat, None, 0.0, tolerance)) >= least:
+            if least_cost(tiling, 1) >= least:
                 break
-            candidate = build_nufft_plan(layout, pilot.bank, scene.grid, tolerance, tiling)
-            if candidate is None:
-                continue
-            candidate = min(filter(None, (candidate, together(layout, candidate))), key=cost)
-            if cost(candidate) < least:
-                best, least = candidate, cost(candidate)
-            elif best is not None:
+            most = bisect_left(range(2, MAX_RANK + 1), least, key=lambda rank: least_cost(tiling, rank)) + 1
+            candidate = build_nufft_plan(layout, pilot.bank, scene.grid, tolerance, tiling, most)
+            if candidate is not None:
+                candidate = min(filter(None, (candidate, together(layout, candidate))), key=cost)
+                if cost(candidate) < least:
+                    best, least = candidate, cost(candidate)
+                    continue
+            if best is not None:
                 break
     return best
 

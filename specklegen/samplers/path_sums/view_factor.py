@@ -14,7 +14,9 @@ below what was asked, or the tiles are too wide.
 """
 
 from bisect import bisect_left
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
@@ -31,7 +33,7 @@ from specklegen.samplers.path_sums.tiling import Tile, Tiling
 MAX_RANK = 128
 _NODES = (3, 5, 7, 9, 13)
 _TILES = 4  # along each axis, on which a decomposition is trained
-_FEW = slice(0, 64)
+_FEW, _SOME = slice(0, 64), 8
 _HELD_OUT_VIEWS = 48
 _HELD_OUT_CONNECTIONS = 2**15  # over all tiles
 _GRAZING = 0.1
@@ -117,7 +119,9 @@ def seen_exits(layout: Layout, bank: PathBank, middle: np.ndarray) -> np.ndarray
     return records
 
 
-def multiple_factor(layout: Layout, bank: PathBank, tiling: Tiling, tolerance: float) -> ViewFactor | None:
+def multiple_factor(
+    layout: Layout, bank: PathBank, tiling: Tiling, tolerance: float, most: int = MAX_RANK
+) -> ViewFactor | None:
     """Decompose the view factor of multiple scattering; None where no rank up to 128 is good enough.
 
     Parameters
@@ -126,6 +130,8 @@ def multiple_factor(layout: Layout, bank: PathBank, tiling: Tiling, tolerance: f
         Multiple-scattering connections of a pilot; even ones train, odd ones judge.
     tolerance
         Relative root mean square error allowed on the held-out half.
+    most
+        The largest rank of use: None, too, where it takes more by two as some of the held-out half tell.
     """
     tilts = -layout.lights.vectors
     tilt = tilts.mean(axis=0) if len(tilts) else AXIS
@@ -138,7 +144,7 @@ def multiple_factor(layout: Layout, bank: PathBank, tiling: Tiling, tolerance: f
     bank, power = bank.select(used), power[used]
     # Weights relative to F at the centre, so that rows weigh what their connections weigh in the field.
     at_centre = np.abs(endpoint_factors(layout, bank, layout.of_views(centre[None]).views, "exit")[0])
-    return _decompose(layout, bank, tiling, tolerance, np.sqrt(power) / np.maximum(at_centre, 1e-300))
+    return _decompose(layout, bank, tiling, tolerance, np.sqrt(power) / np.maximum(at_centre, 1e-300), most)
 
 
 def single_factor(layout: Layout, tiling: Tiling, tolerance: float) -> ViewFactor | None:
@@ -188,7 +194,7 @@ def _depths(layout: Layout) -> PathBank:
 
 
 def _decompose(
-    layout: Layout, bank: PathBank, tiling: Tiling, tolerance: float, weight: np.ndarray
+    layout: Layout, bank: PathBank, tiling: Tiling, tolerance: float, weight: np.ndarray, dear: int = MAX_RANK
 ) -> ViewFactor | None:
     if len(bank) < 2:
         return constant_factor(tiling)
@@ -206,7 +212,7 @@ def _decompose(
         return factor_values(layout, part, tile, steps).T * weights[:, None]
 
     rough = [values(*judge, spots) for judge in few]
-    truths: list[np.ndarray] = []
+    held_out = _HeldOut(values, judges, spots)
     for nodes in _NODES:
         lattice = _Lattice(tiling, nodes)
         at_nodes = [values(*judge, lattice.steps) for judge in few]
@@ -221,9 +227,11 @@ def _decompose(
         # The tails bound the rank from above, generously; the held-out error decides.
         regular = int((np.abs(np.diagonal(r)) > 1e-13 * np.abs(r[0, 0])).sum())
         most = min(int((tails > 0.2 * tolerance * tails[0]).sum()) + 8, MAX_RANK, regular, len(training) // 2 + 1)
-        truths = truths or [values(*judge, spots) for judge in judges]
-        skeletons = [values(*judge, lattice.steps[pivots[:most]]) for judge in judges]
-        factor = _least_rank(lattice, r[:most], pivots, skeletons, spots, truths, tolerance)
+        some, all_of_them = (held_out.errors(lattice, r[:most], pivots, every) for every in (_SOME, 1))
+        guess = bisect_left(range(1, most), -tolerance, key=lambda rank: -some(rank)) + 1
+        if guess > dear + 1:
+            return None
+        factor = _least_rank(lattice, r, pivots, (guess, most), all_of_them, tolerance)
         if factor is not None:
             return factor
     return None
@@ -248,24 +256,49 @@ def pivoted(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _least_rank(
-    lattice: "_Lattice",
-    r: np.ndarray,
-    pivots: np.ndarray,
-    skeletons: list[np.ndarray],
-    spots: np.ndarray,
-    truths: list[np.ndarray],
+    lattice: "_Lattice", r: np.ndarray, pivots: np.ndarray, ranks: tuple[int, int], error: Callable[[int], float],
     tolerance: float,
-) -> ViewFactor | None:
-    """The least rank within the tolerance on held-out connections; None if all of ``skeletons`` are too few."""
-
-    def error(rank: int) -> float:
-        return _worst([some[:, :rank] for some in skeletons], lattice.at(_mix(r, pivots, rank), spots), truths)
-
-    if error(len(r)) > tolerance:
+) -> ViewFactor | None:  # fmt: skip
+    """The least rank within the tolerance, looked for from the first of ``ranks`` on; None if the second is too low."""
+    rank, most = ranks
+    while rank < most and error(rank) > tolerance:
+        rank += 1
+    while rank > 1 and error(rank - 1) <= tolerance:
+        rank -= 1
+    if error(rank) > tolerance:
         return None
-    rank = bisect_left(range(1, len(r)), -tolerance, key=lambda rank: -error(rank)) + 1
     mix = _mix(r, pivots, rank)
     return ViewFactor(lattice.steps[pivots[:rank]], lattice.cube(mix), *lattice.to_tile(), error(rank))
+
+
+@dataclass(frozen=True)
+class _HeldOut:
+    """What ranks are judged by: ``values`` of F of the connections of all ``judges``, one a tile, at the ``spots``."""
+
+    values: Callable[[Tile, PathBank, np.ndarray, np.ndarray], np.ndarray]
+    judges: list[tuple[Tile, PathBank, np.ndarray]]
+    spots: np.ndarray
+    truths: dict[int, list[np.ndarray]] = field(default_factory=dict)
+
+    def at(self, steps: np.ndarray, every: int) -> list[np.ndarray]:
+        """F of every so-manieth connection at some views, complex128[M, n] of each tile."""
+        few = slice(None, None, every)
+        return [self.values(tile, part.select(few), weights[few], steps) for tile, part, weights in self.judges]
+
+    def errors(self, lattice: "_Lattice", r: np.ndarray, pivots: np.ndarray, every: int) -> Callable[[int], float]:
+        """Error by rank; F is found at as many skeleton views as it takes."""
+        if every not in self.truths:
+            self.truths[every] = self.at(self.spots, every)
+        seen = [np.empty((len(truth), 0), np.complex128, order="F") for truth in self.truths[every]]
+
+        def error(rank: int) -> float:
+            more = lattice.steps[pivots[seen[0].shape[1] : rank]]
+            if len(more):
+                seen[:] = [np.hstack(both) for both in zip(seen, self.at(more, every), strict=True)]
+            mix = lattice.at(_mix(r, pivots, rank), self.spots)
+            return _worst([some[:, :rank] for some in seen], mix, self.truths[every])
+
+        return cache(error)
 
 
 def _mix(r: np.ndarray, pivots: np.ndarray, rank: int) -> np.ndarray:

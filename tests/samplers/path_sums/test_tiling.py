@@ -172,10 +172,10 @@ def test_tiles_that_are_not_tried_would_not_pay(monkeypatch):
     this, tried = scene(0.5, 65), []
     pilot, layout = scene_pilot(this, False), scene_layout(this)
 
-    def build(layout, bank, grid, tolerance, tiling):
+    def build(layout, bank, grid, tolerance, tiling, most):
         tried.append(tiling)
         assert {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"} == {1}
-        return build_nufft_plan(layout, bank, grid, tolerance, tiling)
+        return build_nufft_plan(layout, bank, grid, tolerance, tiling, most)
 
     def cost(found) -> float:
         per_path = pilot.connections_per_path
