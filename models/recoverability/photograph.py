@@ -283,7 +283,7 @@ def judge_photograph(
         answer, needed = ("cannot", None) if answer != "works" else (answer, needed)
     assumed = list(seen.assumed)
     if not against:
-        assumed.append("that it is speckle: most pictures of things are refused, but not blurred noise, nor every portrait")
+        assumed.append("that it is speckle: most pictures are refused, but not blurred noise nor every portrait")
     assumed.append("one wavelength and one polarisation, and an object within the memory effect: else contrast is lost")
     envelope = 1.0 if seen.envelope is None else float(seen.envelope.max() / seen.envelope.min())
     return PhotographVerdict(
