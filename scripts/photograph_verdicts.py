@@ -1,7 +1,7 @@
 """Verdicts on photographs of unknown benches, and what became of their objects: drawn, retrieved, judged.
 
     python scripts/photograph_verdicts.py truth --out photographs.csv [--first 0] [--count 330] [--workers 16] [--seconds 140]
-    python scripts/photograph_verdicts.py judge photographs.csv [--pictures 20]
+    python scripts/photograph_verdicts.py judge photographs.csv [--pictures 20] [--seed 12]
 
 A photograph is a clean bench or one of ten perturbed ones (``perturbed_benches.py``), its camera of 96 to 288 pixels and
 2.2 to 6 a grain, its objects characters, bars, points, polygons or blobs of 6 to 24 grains, with 2 to 3000 electrons a
@@ -134,13 +134,11 @@ class Judged(NamedTuple):
 
 
 def verdict(counts: np.ndarray) -> Judged:
-    """Verdict on a photograph; the score is infinite where no evidence was needed."""
+    """Verdict on a photograph."""
     torch.set_num_threads(1)
     found = judge_photograph(counts)
     reason = found.reasons[0].name if found.reasons else ""
-    score = float(np.square(list(found.evidence.values())).sum())
-    return Judged(found.answer, found.probability, score if reason == "no speckle" or found.answer != "no speckle"
-                  else float("inf"), reason)  # fmt: skip
+    return Judged(found.answer, found.probability, found.score, reason)
 
 
 def judged(number: int) -> Judged:
@@ -165,30 +163,32 @@ def noise(rng: np.random.Generator, shape: Shape) -> np.ndarray:
 OTHERS = {"noise": noise, "walls": wall, **PICTURES}
 
 
-def refused(task: tuple[str, int]) -> Judged:
-    """Verdict on a picture that is no speckle, as large as photographs are."""
-    kind, number = task
-    rng = np.random.default_rng([SEED, number, list(OTHERS).index(kind)])
+def refused(task: tuple[str, int, int]) -> Judged:
+    """Verdict on a picture of a kind, number and seed that is no speckle, as large as photographs are."""
+    kind, number, seed = task
+    rng = np.random.default_rng([seed, number, list(OTHERS).index(kind)])
     side = 2 * int(rng.uniform(48, 144))
     return verdict(np.rint(np.clip(OTHERS[kind](rng, (side, side)), 0, None)))
 
 
-def pictures(count: int, workers: int, speckle: np.ndarray) -> list[str]:
-    """How well pictures are told from speckle whose scores are float64[n], in Markdown."""
-    tasks = [(kind, number) for number in range(count) for kind in OTHERS]
+def pictures(count: int, seed: int, workers: int, speckle: np.ndarray, lit: np.ndarray) -> list[str]:
+    """How well pictures are told from speckle of scores float64[n], and from that with light enough, in Markdown."""
+    tasks = [(kind, number, seed) for number in range(count) for kind in OTHERS]
     with multiprocessing.get_context("spawn").Pool(workers) as pool:
         every = pool.map(refused, tasks, chunksize=1)
-    lines = ["", "| no speckle | pictures | AUC | refused | above .9 |", "|---|---|---|---|---|"]
-    for kind in OTHERS:
-        own = [each for task, each in zip(tasks, every, strict=True) if task[0] == kind]
+    lines = ["", "| no speckle | pictures | refused | above .9 | AUC | with light enough |", "|---|" + 5 * "---|"]
+    hard = [kind for kind in OTHERS if kind != "blurred noise"]
+    for name, kinds in {kind: [kind] for kind in OTHERS} | {"all": [*OTHERS], "all but blurred noise": hard}.items():
+        own = [each for task, each in zip(tasks, every, strict=True) if task[0] in kinds]
         told = sum(each.answer == "no speckle" for each in own)
         above = sum(each.probability > CLEAR for each in own)
-        told_apart = area(np.minimum([each.score for each in own], 1e300), np.minimum(speckle, 1e300))
-        lines.append(f"| {kind} | {len(own)} | {told_apart:.3f} | {told} | {above} |")
+        score = np.minimum([each.score for each in own], 1e300)
+        areas = " | ".join(f"{area(score, np.minimum(each, 1e300)):.3f}" for each in (speckle, speckle[lit]))
+        lines.append(f"| {name} | {len(own)} | {told} | {above} | {areas} |")
     return lines
 
 
-def judge(file: Path, count: int, workers: int, others: int = 0) -> str:
+def judge(file: Path, count: int, workers: int, others: int = 0, seed: int = 12) -> str:
     """How often verdicts on the first photographs of a table were right, in Markdown."""
     with file.open(newline="") as read:
         rows = [*csv.DictReader(read)][:count]
@@ -217,7 +217,7 @@ def judge(file: Path, count: int, workers: int, others: int = 0) -> str:
             lines.append(f"refused: {row['number']} ({row['bench']}, {row['family']}, {row['photons']} electrons, "
                          f"r {row['r']}): {reason}, {score:.3g}")  # fmt: skip
     if others:
-        lines += pictures(others, workers, np.array(scores))
+        lines += pictures(others, seed, workers, np.array(scores), np.array(reasons) != "nothing but noise")
     return "\n".join(lines)
 
 
@@ -236,9 +236,10 @@ def main() -> None:
     judging.add_argument("--count", type=int, default=330)
     judging.add_argument("--workers", type=int, default=16)
     judging.add_argument("--pictures", type=int, default=0, help="of each kind that is no speckle")
+    judging.add_argument("--seed", type=int, default=12, help="of those")
     given = asked.parse_args()
     if given.task == "judge":
-        print(judge(given.file, given.count, given.workers, given.pictures))
+        print(judge(given.file, given.count, given.workers, given.pictures, given.seed))
         return
     truth(given.out, range(given.first, given.first + given.count), given.workers, given.seconds)
 
