@@ -3,7 +3,7 @@
 Their authors state no licence, so nothing of them comes with the package: a user fetches them by ``specklegen measured
 get hidden-shapes``, and every file is held against its digest. Nobody has said how large the shapes are on the camera,
 nor which way up, so a score is of the best of all sizes, quarter turns and mirror images of the shape as it is printed
-in DejaVu Sans; chance has the same choice.
+in DejaVu Sans; chance has the same choice. It is of the whole frame: what an answer shows beside a small shape counts.
 """
 
 import hashlib
@@ -21,8 +21,9 @@ from torch import Tensor
 from specklegen.datasets.objects.glyph_batches import coverage
 from specklegen.datasets.objects.outlines import outline
 from specklegen.measured import public_data, read_measurement
-from specklegen.models.judging.evaluation import PERFECT, aligned_to, on_frame
-from specklegen.models.metrics import SCORES
+from specklegen.models.judging.baselines import FRAME
+from specklegen.models.judging.evaluation import PERFECT, on_frame
+from specklegen.models.metrics import SCORES, align
 
 SET = "hidden-shapes"
 """Name among ``specklegen.measured.public_data_names()``."""
@@ -55,9 +56,9 @@ def missing(folder: Path | str | None) -> bool:
 
 
 def digest() -> str:
-    """SHA-256 of what decides a pixel or a score: digests of the files, the part that is shown, the shapes."""
+    """SHA-256 of what decides a pixel or a score: digests of the files, the part that is shown, shapes, the frame."""
     shapes = [np.round(one, 6).tolist() for shape in SHAPES for one in _contours(shape)]
-    content = [public_data(SET).files, SIDE, OBJECT, HEIGHTS, CHANGES, SHAPES, GRITS, shapes]
+    content = [public_data(SET).files, SIDE, OBJECT, HEIGHTS, CHANGES, SHAPES, GRITS, shapes, FRAME]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
@@ -122,11 +123,15 @@ def printed(shape: str) -> Tensor:
 
 
 def scores(answers: Tensor, shapes: Sequence[int]) -> dict[str, np.ndarray]:
-    """Scores float64[n] by name, of answers real[n, h, w] for shapes of some numbers, at the size that suits best."""
+    """Scores float64[n] by name, of answers real[n, h, w] for shapes of some numbers, at the size that suits best.
+
+    They are of all FRAME x FRAME pixels: cut to the shape, an answer would lose what it shows beside it, and a small J
+    would be found in most letters.
+    """
     found: dict[str, list[float]] = {name: [] for name in SCORES}
     for answer, shape in zip(answers, shapes, strict=True):
-        bank = printed(SHAPES[shape])
-        moved = aligned_to(answer.expand(len(bank), -1, -1), on_frame(bank, dark=False), OBJECT)
+        bank = on_frame(printed(SHAPES[shape]), dark=False)
+        moved = align(on_frame(answer).expand_as(bank), bank)
         best = int(SCORES["pearson"](moved, bank).argmax())
         for name, score in SCORES.items():
             found[name].append(float(score(moved[best], bank[best]).clamp(max=PERFECT)))

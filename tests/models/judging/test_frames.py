@@ -60,6 +60,20 @@ def test_an_answer_is_scored_at_its_best_size_and_way_up():
     assert not frames.named(ways[:1], [frames.SHAPES.index("T")]).any()
 
 
+def test_what_an_answer_shows_beside_a_shape_counts():
+    """A bright square left of or above a J, as a T has an arm there: Pearson's r of these very pixels, by NumPy."""
+    shape = frames.SHAPES.index("J")
+    small = frames.printed("J")[4 * 3]  # 14 pixels high, in the first corner
+    for place in ((slice(20, 30), slice(2, 12)), (slice(2, 12), slice(20, 30))):
+        answer = torch.zeros(1, 36, 36)
+        answer[0, 20:, 20:] = small[:16, :16]
+        answer[0][place] = 1.0
+        whole, alone = (np.pad(each.numpy(), (0, 28)).ravel() for each in (answer[0], small.roll((20, 20), (0, 1))))
+        there = np.corrcoef(whole, alone)[0, 1]
+        best = frames.scores(answer, [shape])["pearson"][0]
+        assert there - 1e-6 <= best < 0.7  # another size may suit a little better, none well
+
+
 def test_the_digest_has_the_files_and_the_shapes(monkeypatch):
     before = frames.digest()
     monkeypatch.setattr(frames, "_PI", (*frames._PI[:-1], (3.6, 45.8)))
