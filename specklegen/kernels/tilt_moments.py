@@ -29,8 +29,6 @@ def fill_spectrum(roots, ranks, white, start, out):
             sum_real[:], sum_imaginary[:] = 0.0, 0.0
             for r in range(ranks[n]):
                 a, b = roots[n, q, r].real, roots[n, q, r].imag
-                if a == 0.0 and b == 0.0:  # above the diagonal
-                    continue
                 for cell in range(cells):
                     sum_real[cell] += a * real[r, cell] - b * imaginary[r, cell]
                     sum_imaginary[cell] += a * imaginary[r, cell] + b * real[r, cell]

@@ -335,7 +335,6 @@ def _triangles(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         pivot = left[:, q, q].real
         kept[:, q] = pivot > faint
         column = np.where(kept[:, q, None], left[:, :, q] / np.sqrt(np.maximum(pivot, faint))[:, None], 0.0)
-        column[:, :q] = 0.0  # but for rounding it is: what is 0 is left out of products
         roots[:, :, q] = column
         left -= column[:, :, None] * column[:, None].conj()
     return roots, kept
