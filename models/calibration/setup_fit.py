@@ -45,6 +45,7 @@ _NUMBERS = 3
 _ALIKE = 0.5  # correlation of frames from which on they are of one pattern
 _SURE = 2.0  # standard errors from which on shapes are told apart
 _DOUBTFUL = 1e-4
+_ABOVE = 4.0  # standard errors of the squared contrast
 _RINGS = 4  # of frequencies, in two directions each
 _EDGES = 1.15
 """Standard errors over those of independent tiles: neighbours share grains at their edges. Measured on 144 fits."""
@@ -316,6 +317,11 @@ def fit_setup(
         doubts.append("the grain lies at the end of what these frames can tell")
     contrast, noise = np.sqrt(best.lit), np.sqrt(best.noise)
     errors = np.sqrt(np.maximum(np.diag(covariance)[:_NUMBERS], 0.0))
+    if best.lit - 1 > _ABOVE * errors[1]:
+        doubts.append(
+            f"the speckle of one point has a contrast of {contrast:.2f}, and none has one above 1: another target, or light "
+            "that is limited before the medium instead of behind it"
+        )
     return SetupFit(
         best.profile, float(np.exp(best.grain)), float(np.exp(best.grain) * errors[0]), float(contrast),
         float(errors[1] / (2 * contrast)), float(noise),

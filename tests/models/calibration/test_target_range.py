@@ -117,6 +117,38 @@ def test_another_target_is_doubted():
     assert any("no speckle of this target" in doubt for doubt in found.doubts)
 
 
+def limited(before, reach=4.0, grain=2.8, side=176, ways=16):
+    """Photographs through a disc before or behind a medium whose ways aside are Gaussian: C_I is one half at ``reach``.
+
+    A point sends b(x) e^(i p . x) to the places x, from where it goes to x + r; or to all, and b(x + r) is let through.
+    """
+    rng, count = np.random.default_rng(1), 2 * side
+    x = np.arange(count) - side
+    target = np.kron(LETTER[::3, ::3], np.ones((2, 2)))
+    found = np.zeros((4, count, count))
+    for image in found:
+        aside = rng.normal(0, np.sqrt(np.log(2)) * count / (2 * np.pi * reach), (ways, 2))
+        waves = rng.normal(size=(ways, count, count, 2)) @ [1, 1j]
+        for (down, across), wave in zip(aside, waves, strict=True):
+            wave *= np.hypot((x - before * down)[:, None], x - before * across) < count / grain / 2
+        for at in np.argwhere(target > 0):
+            along = [np.exp(-2j * np.pi / count * p * (x - aside[:, [axis]])) for axis, p in enumerate(at)]
+            image += np.abs(np.fft.fft2(np.einsum("nyx,ny,nx->yx", waves, *along, optimize=True))) ** 2
+    return found[:, :side, :side], target
+
+
+def test_light_that_is_limited_before_the_medium_is_doubted():
+    """C_I stands at the camera's distances then, and speckle has too much contrast."""
+    behind, before = (
+        sg.fit_setup(light, envelope=None, pixel_integration=False, target=target)
+        for light, target in map(limited, (0, 1))
+    )
+    low, high = behind.interval(1 - FALSE_ALARM)["range"]
+    assert low < 4.0 < high
+    assert not any("contrast" in doubt for doubt in behind.doubts)
+    assert any("contrast" in doubt and "before the medium" in doubt for doubt in before.doubts)
+
+
 def test_a_point_tells_no_range():
     rng = np.random.default_rng(3)
     x = np.abs(np.fft.fftfreq(240)) * GRAIN * 2
