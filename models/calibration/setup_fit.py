@@ -319,8 +319,8 @@ def fit_setup(
     errors = np.sqrt(np.maximum(np.diag(covariance)[:_NUMBERS], 0.0))
     if best.lit - 1 > _ABOVE * errors[1]:
         doubts.append(
-            f"the speckle of one point has a contrast of {contrast:.2f}, and none has one above 1: another target, or light "
-            "that is limited before the medium instead of behind it"
+            f"the speckle of one point has a contrast of {contrast:.2f}, and none has one above 1: another target, or "
+            "light that is limited before the medium instead of behind it"
         )
     return SetupFit(
         best.profile, float(np.exp(best.grain)), float(np.exp(best.grain) * errors[0]), float(contrast),

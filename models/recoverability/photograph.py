@@ -222,7 +222,8 @@ def judge_photograph(
     Parameters
     ----------
     photographs
-        What :func:`specklegen.measured.read_measurement` reads, or what it returned. Frames that correlate by .5 or
+        What :func:`specklegen.measured.read_measurement` reads, or what it returned (with ``envelope="fit"``, which
+        files are read with here: light that is not even passes for no speckle). Frames that correlate by .5 or
         more are of one pattern, whose vibration and noise they tell; others are of independent patterns.
     dark
         Frames without light, or the black level in counts.
@@ -282,6 +283,8 @@ def judge_photograph(
         reasons = (small, *reasons)
         answer, needed = ("cannot", None) if answer != "works" else (answer, needed)
     assumed = list(seen.assumed)
+    if seen is photographs and seen.envelope is None:
+        assumed.append('even light: this measurement was read without an envelope, which envelope="fit" finds')
     if not against:
         assumed.append("that it is speckle: most pictures are refused, but not blurred noise nor every portrait")
     assumed.append("one wavelength and one polarisation, and an object within the memory effect: else contrast is lost")

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from specklegen.cli.commands import app
 from specklegen.core.errors import RuleError
 from specklegen.instrument import Camera
+from specklegen.measured import read_measurement
 from specklegen.models import judge_photograph
 from specklegen.models.recoverability import photograph
 from specklegen.models.recoverability.autocorrelation_error import REACH
@@ -52,6 +53,16 @@ def test_what_a_photograph_holds(grain, profile):
     assert "assumed: that it is speckle" in found.explain()
     told = judge_photograph(counts // 2 + 10, dark=10.0, camera=Camera(photons=1.0, gain=2.0))
     assert told.photons == pytest.approx(counts.mean(), rel=0.02)
+
+
+def test_a_measurement_without_envelope_is_said_to_be_taken_for_even():
+    line = np.linspace(-1.5, 1.5, SIDE)
+    light = speckle(1)[0] * np.exp(-np.add.outer(line**2, line**2))
+    plain, fitted = (judge_photograph(read_measurement(light, envelope=how)) for how in (None, "fit"))
+    assert plain.answer == "no speckle"
+    assert "assumed: even light" in plain.explain()
+    assert fitted.answer == "works"
+    assert "even light" not in fitted.explain() + judge_photograph(light).explain()
 
 
 def test_grains_are_those_of_all_the_camera(monkeypatch):
