@@ -4,12 +4,12 @@ import os
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self, get_args
 
 import torch
 from torch import Tensor, nn
 
-from specklegen.core.arguments import whole_number
+from specklegen.core.arguments import choice, whole_number
 from specklegen.core.devices import checked_device
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject
@@ -19,8 +19,9 @@ from specklegen.models.learning.model_file import read_model, restored, rounded,
 from specklegen.models.learning.networks import NETWORKS, build, network_content
 from specklegen.models.learning.targets import TARGETS
 
-PRETRAINED = "unknown-slab"
-"""Model that comes with the package; its card lies beside it, and in docs/networks.md."""
+Pretrained = Literal["unknown-slab", "lab-mild"]
+PRETRAINED: tuple[Pretrained, ...] = get_args(Pretrained)
+"""Networks that come with the package; cards lie beside them, and in docs/networks.md."""
 
 
 class Reconstructor:
@@ -209,13 +210,21 @@ def centred(images: Tensor) -> Tensor:
     return images
 
 
-def load_pretrained(device: torch.device | str = "cpu") -> Reconstructor:
-    """Return the network that comes with the package, trained on characters behind slabs of unknown material.
+def load_pretrained(device: torch.device | str = "cpu", *, name: Pretrained = "unknown-slab") -> Reconstructor:
+    """Return a network that comes with the package, trained on characters behind slabs of unknown material.
 
     Parameters
     ----------
     device
         Torch device to put it on; "cpu" by default.
+    name
+        What it was trained on: "unknown-slab", cameras and focus as they are said to be, or "lab-mild", the same
+        recipe behind benches that blur, shake, have stray light (docs/recipes.md says what that is worth).
+
+    Raises
+    ------
+    RuleError
+        For another name.
 
     Examples
     --------
@@ -226,4 +235,5 @@ def load_pretrained(device: torch.device | str = "cpu") -> Reconstructor:
     >>> load_pretrained().reconstruct(batch).shape
     torch.Size([2, 28, 28])
     """
-    return Reconstructor.load(str(files("specklegen.models") / "data" / f"{PRETRAINED}.pt"), device)
+    choice("load_pretrained name", name, PRETRAINED)
+    return Reconstructor.load(str(files("specklegen.models") / "data" / f"{name}.pt"), device)

@@ -3,9 +3,11 @@
 from importlib.resources import files
 
 import numpy as np
+import pytest
 import torch
 from zscore import limit
 
+from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.datasets.loading.stream import tensors
 from specklegen.models.judging.baselines import mean_image
@@ -17,10 +19,31 @@ MIB = 2**20
 FOLDER = files("specklegen.models") / "data"
 
 
-def test_it_is_small_and_has_a_card():
-    assert len((FOLDER / f"{PRETRAINED}.pt").read_bytes()) <= 4 * MIB
-    card = (FOLDER / f"{PRETRAINED}.md").read_text()
-    assert f"{parameter_count(load_pretrained().network):,}".replace(",", " ") in card
+@pytest.mark.parametrize("name", PRETRAINED)
+def test_it_is_small_and_has_a_card(name):
+    assert len((FOLDER / f"{name}.pt").read_bytes()) <= 4 * MIB
+    card = (FOLDER / f"{name}.md").read_text()
+    assert f"{parameter_count(load_pretrained(name=name).network):,}".replace(",", " ") in card
+
+
+def test_another_name_is_refused():
+    with pytest.raises(RuleError, match="load_pretrained name must be"):
+        load_pretrained(name="lab-wild")
+
+
+def test_what_was_trained_on_many_benches_sees_more_on_one_that_is_not_as_said():
+    """Paired over 64 media, characters that neither has seen; a bench as it is said to be is no such."""
+    of = {"objects": {"disjoint": "character", "test": "569FMVTWt", "validation": "2KPbqB"}}
+
+    def z(bench):
+        batch = tensors(load_recipe("unknown-slab", of | {"bench": bench}).batch(11, "test", range(64)))
+        methods = {name: load_pretrained(name=name).reconstruct for name in PRETRAINED}
+        found, _ = evaluate(methods, [batch])
+        usual, other = (found.values[name]["sharp"]["pearson"] for name in PRETRAINED)
+        return (other - usual).mean() / ((other - usual).std(ddof=1) / 8)
+
+    assert z({"gradient": 0.8, "stray": 0.2}) > limit(degrees=63)
+    assert z({}) < limit(degrees=63)
 
 
 def test_it_sees_more_than_the_mean_image():
