@@ -106,7 +106,7 @@ def cheapest_threshold(
 
 
 def _by_brightness(judged: np.ndarray, contributions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What connections are judged by, float64[M] from the faintest on, and float64[P, M] what they send."""
+    """Brightness that connections are judged by, float64[M] from the faintest on, and float64[P, M] that each sends."""
     if len(contributions) == 1 and np.array_equal(contributions[0], judged):
         ordered = np.sort(judged)  # in a third of the time
         return ordered, ordered[None]
