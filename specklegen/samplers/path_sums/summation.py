@@ -70,7 +70,7 @@ def _cheapest_tiles(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan 
     share = float(np.mean(pilot.bank.orders == 1)) if len(pilot.bank) else 0.0
 
     def least_cost(tiling: Tiling, rank: int) -> float:
-        """Least seconds of tiles on which multiple scattering takes so many terms; single scattering joins or takes one."""
+        """Least seconds of tiles on which multiple scattering takes so many terms; the rest joins it or takes one."""
         flat = constant_factor(tiling)
         terms = replace(flat, steps=np.zeros((rank, 2)))
         return min(cost(NufftPlan(tiling, terms, single, share, tolerance)) for single in (None, flat))
