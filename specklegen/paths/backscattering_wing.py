@@ -107,9 +107,9 @@ def _back_half(scatterer: Scatterer, dimensions: Dimensions) -> float:
     return float(min(weights @ (ring * _density(scatterer, np.cos(theta), dimensions)), 1.0))
 
 
-def _density(scatterer: Scatterer, cos, dimensions: Dimensions):
+def _density(scatterer: Scatterer, cos: np.ndarray | float, dimensions: Dimensions) -> np.ndarray:
     """Phase function of all types of particle together: its products bound those of amplitudes of any mixture."""
     cos = np.clip(cos, -1.0, 1.0)
-    return sum(
-        share * np.square(np.abs(each.amplitude(cos, dimensions))) for each, share in scatterer.components
+    return np.asarray(
+        sum(share * np.square(np.abs(each.amplitude(cos, dimensions))) for each, share in scatterer.components)
     )
