@@ -11,8 +11,8 @@ memory effect says. This is the law of a window behind the medium, as the statio
 
 Path sums have the window where it is, before the medium: beam i at view v adds up to b(x) e^(ik i . x) over entrances x
 and e^(-ik v . (x + r)) over the ways r to the exit. So two beams have B(v - v' - i + i') K(v - v') in common, B the
-transform of b^2, and at one view the memory effect does not enter: V without K. The two agree where K falls little
-over a grain.
+transform of b^2, and at one view the memory effect does not enter: V without K. Over a pixel's area it does, as the
+mean of |K|^2 over pairs of its points. The two agree where K falls little over a grain.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ from specklegen.synthesis.exit_grid import disc_power
 from specklegen.synthesis.fused import fused
 from specklegen.synthesis.modes import on_differences, on_signed_differences, one_by_one
 from specklegen.synthesis.sight import Sight
+
+_WITHIN = 8  # steps across a pixel
 
 
 def _power_on_the_cpu(
@@ -115,6 +117,22 @@ def window_variance(sight: Sight) -> torch.Tensor:
         for axis, power in enumerate(window_powers(sight))
     ]
     return along[0][:, :, None] * along[1][:, None]
+
+
+def kept_by_pixels(sight: Sight, correlations: Correlations) -> torch.Tensor:
+    """Mean of |K|^2 over pairs of points of a camera pixel, float64[M]; 1 of pixels that are points.
+
+    B is taken to change little over a pixel.
+    """
+    shape, step = (_WITHIN + 1, _WITHIN + 1), 2 * torch.pi * sight.pixel / _WITHIN
+    number = torch.arange(_WITHIN + 1, dtype=torch.float64, device=sight.device)
+    pairs = 1 - number / _WITHIN  # of points so many steps apart
+    if correlations.isotropic:
+        seen, pairs = on_differences(correlations, shape, step), pairs * torch.where(number == 0, 1.0, 2.0)
+    else:
+        seen, pairs = on_signed_differences(correlations, shape, step), torch.cat([pairs, pairs[1:].flip(0)])
+    pairs = pairs / pairs.sum()
+    return (seen.square() @ pairs) @ pairs
 
 
 def _wrapped(period: int, device: torch.device) -> torch.Tensor:
@@ -231,20 +249,20 @@ def speckle_contrast(light: torch.Tensor, variance: torch.Tensor) -> torch.Tenso
 
 @dataclass(frozen=True)
 class ExpectedContrast:
-    """Contrast of images by path sums, which the window alone tells.
+    """Contrast of images by path sums, which the window tells, and the memory effect over a pixel.
 
     Attributes
     ----------
     variance : float64[1, h, w]
-        From :func:`window_variance`.
+        :func:`window_variance` times :func:`kept_by_pixels`.
     """
 
     variance: torch.Tensor
 
     @classmethod
-    def of(cls, sight: Sight) -> Self:
+    def of(cls, sight: Sight, correlations: Correlations) -> Self:
         """Return the variance of objects that are seen so."""
-        return cls(window_variance(sight))
+        return cls(window_variance(sight) * kept_by_pixels(sight, correlations)[:, None, None])
 
     def contrast(self, light: torch.Tensor) -> torch.Tensor:
         """Expected contrast float64[B] of images of objects real[B, h, w] under polarised light."""

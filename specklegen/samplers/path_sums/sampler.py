@@ -177,7 +177,7 @@ class PathSums(Sampler, name="paths"):
 
         sight = request.sight
         assert len(sight) == 1, "paths are planned medium by medium"
-        known = request.contrast or ExpectedContrast.of(sight)
+        known = request.contrast or ExpectedContrast.of(sight, request.correlations)
         divisions = 1 if request.planes else self.scene.sensor.shape[0] // sight.camera[0]
         unit, tilts = float(request.units[0]), sight.base.shape[1]
         return [([0], PathImaging(self, unit, tilts, sight.shape, divisions, request.shared, known, request.planes))]

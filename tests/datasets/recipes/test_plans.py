@@ -181,7 +181,12 @@ def test_many_media_have_the_contrast_and_the_mean_of_the_stationary_sampler():
     assert contrasts[0] == pytest.approx(contrasts[1], rel=0.1)
 
 
-def test_path_sums_of_a_narrow_window_have_the_contrast_that_is_told():
+AREA = {"camera": {"shape": [64, 64], "pixels_per_grain": 2.0}, "window": {"width": 2000.0, "profile": "gaussian"},
+        "exposure": {"photons": 2e3, "full_well": 1e6, "bit_depth": 16}}  # fmt: skip
+
+
+@pytest.mark.parametrize("more", [{}, AREA], ids=["points", "pixels with area"])
+def test_path_sums_of_a_narrow_window_have_the_contrast_that_is_told(more):
     """A grain and a quarter in a range: the window lies before the medium, and C_I does not enter at one view.
 
     By Student's t over 60 media, false alarms 1e-6; the law of a window behind the medium is told apart.
@@ -189,7 +194,7 @@ def test_path_sums_of_a_narrow_window_have_the_contrast_that_is_told():
     changes = {
         "media": "new", "material": {"kernel_paths": 20_000}, "window": {"width": 2000.0},
         "camera": {"shape": [64, 64]}, "objects": {"shape": [8, 8]},
-        "field": {"pitch": 8e-5, "extent_over_range": None},
+        "field": {"pitch": 8e-5, "extent_over_range": None}, **more,
     }  # fmt: skip
     recipe, behind = (load_recipe("through-slab", {**changes, "sampler": name}) for name in ("paths", "stationary"))
     samples = [recipe.sample(3, "train", n) for n in range(60)]
