@@ -43,7 +43,7 @@ from specklegen.datasets.objects.family import ListedFamily, Source
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.models.calibration import setup_fit
 from specklegen.models.calibration.target_range import BOUNDS, Fall, decay, target_of
-from specklegen.oracles.multi_slice import _parts, slice_views
+from specklegen.oracles.multi_slice import slice_coherence, slice_views
 from specklegen.scene.window import Profile
 
 SLABS = {
@@ -232,11 +232,8 @@ def by_slices(rng: np.random.Generator, asked: Set) -> Drawn:  # noqa: ARG001
 
 def _lobe(slab: sg.Slab, iris: np.ndarray) -> np.ndarray:
     """Mean brightness of all views of light straight ahead: the lobe's coherence times the iris' own, transformed."""
-    (part,) = _parts(slab, **GRID)
-    phase = part.screens * fft.fft2(np.square(part.amplitude.astype(np.float64))).real
-    coherence = np.exp(phase - phase[0, 0]) - np.exp(-phase[0, 0])
     overlap = np.asarray(fft.ifft2(np.square(np.abs(fft.fft2(iris.astype(np.float64)))))).real
-    return np.asarray(fft.fft2(coherence * overlap)).real
+    return np.asarray(fft.fft2(slice_coherence(slab, **GRID) * overlap)).real
 
 
 DRAWN = {"waves": by_waves, "package": by_package, "slices": by_slices}

@@ -30,7 +30,7 @@ from specklegen.datasets.recipes.hidden_object import centre_of
 from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.models.judging.tasks import SEED
 from specklegen.models.judging.waves import CHANGES
-from specklegen.oracles.multi_slice import _parts, slice_views
+from specklegen.oracles.multi_slice import slice_coherence, slice_views
 
 OUT = Path("models/data/waves.npz")
 SLABS, CAMERA, SIDE = 24, 96, 28
@@ -67,14 +67,8 @@ def slab(thickness: float, depth: float, concentration: float) -> sg.Slab:
 
 
 def envelope(medium: sg.Slab) -> np.ndarray:
-    """Mean intensity of the camera's pixels for light straight ahead, over their mean: float64[CAMERA, CAMERA].
-
-    Gaussian screens of phase covariance R leave exp(sum R(r) - R(0)) of a plane wave's coherence over r, however far
-    they are apart; what a window sees is the transform of that times the window's own autocorrelation.
-    """
-    (part,) = _parts(medium, **GRID)
-    phase = part.screens * np.asarray(fft2(np.square(part.amplitude.astype(np.float64)))).real
-    coherence = np.exp(phase - phase[0, 0]) - np.exp(-phase[0, 0])
+    """Mean intensity of the camera's pixels for light straight ahead, over their mean: float64[CAMERA, CAMERA]."""
+    coherence = slice_coherence(medium, **GRID)
     away = np.abs(np.fft.fftfreq(GRID["size"], 1 / GRID["size"]))
     overlap = np.clip(WINDOW - away, 0, None)
     mean = np.asarray(fft2(coherence * overlap * overlap[:, None])).real[np.ix_(_views(), _views())]

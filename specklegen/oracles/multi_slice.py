@@ -141,6 +141,32 @@ def slice_views(
         yield np.array(_spectra(_screens([seed, n], parts), size, bins)) * np.float32(pitch**2 / wavelength)
 
 
+def slice_coherence(slab: PlaneMedium, *, wavelength: float, pitch: float, size: int) -> np.ndarray:
+    """Mean E(x) E*(x + r) of scattered light behind the screens of :func:`slice_views`, of one tilt: float64[n, n].
+
+    Gaussian screens of phase covariance R leave exp(sum R(r) - R(0)) of a plane wave's coherence over r, however far
+    they are apart; exp(-R(0)) of that was not scattered. ``r`` is as in ``np.fft.fftfreq(size, 1 / (size pitch))``,
+    rows along y. Times the autocorrelation of a window and transformed it is what views see on average.
+
+    Parameters
+    ----------
+    slab, wavelength, pitch, size
+        As of :func:`multi_slice`.
+
+    Raises
+    ------
+    RuleError
+        As :func:`multi_slice`.
+    """
+    _check(slab, wavelength, pitch)
+    phases = [
+        part.screens * np.asarray(fft2(np.square(part.amplitude.astype(np.float64)))).real
+        for part in _parts(slab, wavelength, pitch, size)
+    ]
+    phase = sum(phases[1:], phases[0])
+    return np.exp(phase - phase[0, 0]) - np.exp(-phase[0, 0])
+
+
 def _parts(medium: PlaneMedium, wavelength: float, pitch: float, size: int) -> list[_Part]:
     """Layers one after the other."""
     sines, parts = np.fft.fftfreq(size, pitch / wavelength), []

@@ -54,6 +54,34 @@ def test_many_scatterings_by_a_gaussian_lobe_follow_the_closed_form():
     assert_z(found.all_views.mean(axis=0), expected, ERROR[0], slack=0.012)
 
 
+def test_views_see_on_average_the_transform_of_the_coherence():
+    """Of a window, in rings about the light's direction; two layers; the coherence of the first alone is told."""
+    other = sg.VonMisesFisher(concentration=2 * LOBE.concentration)
+    parts = [sg.Layer(thickness=t, mean_free_path=100.0, scatterer=s) for t, s in ((100.0, LOBE), (200.0, other))]
+    medium, grid = sg.Layers(layers=parts), {"wavelength": 1.0, "pitch": 0.5, "size": 192}
+    inside = np.zeros((192, 192))
+    inside[40:150, 30:140] = 1
+    sines = np.fft.fftfreq(192, 0.5)
+    rings = np.digitize(np.hypot(sines, sines[:, None]), [0, 0.05, 0.1, 0.15, 0.2, 0.3]).ravel()
+
+    def in_rings(power):
+        return np.bincount(rings, power.ravel())[1:]
+
+    found = []
+    for (field,) in slices.slice_views(medium, **grid, bins=[(0, 0)], realizations=24, seed=3):
+        field[0, 0] = 0  # light that was not scattered
+        seen = np.fft.fft2(np.fft.ifft2(field) * inside)
+        found.append(in_rings(np.square(np.abs(seen)) / np.square(0.5 * 0.5)))
+    overlap = np.fft.ifft2(np.square(np.abs(np.fft.fft2(inside)))).real
+
+    def expected(slab):
+        return in_rings(np.fft.fft2(slices.slice_coherence(slab, **grid) * overlap).real)
+
+    assert_mean(found, expected(medium))
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(found, expected(sg.Layers(layers=parts[:1])))
+
+
 # Further slabs of that program: |K| over all views and about the axis at one and two bins of a grid of that side.
 FURTHER = {
     "OD 20": (slab(20.0), 384, 0.5, [0.606, 0.183], [0.898, 0.659]),
