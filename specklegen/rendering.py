@@ -345,9 +345,11 @@ def _drawn(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
                 image = np.tensordot(focus.astype(image.dtype), image, axes=1)
             if made.lens is not None:
                 image = image_of(made.scene, made.lens.image(image, from_face=made.chosen.from_face))
-            if r == 0:
-                images = np.empty((realizations, *image.shape), image.dtype)
-            images[r] = image
+            if realizations == 1:
+                images = image[None]
+            else:
+                images = images if r else np.empty((realizations, *image.shape), image.dtype)
+                images[r] = image
             connections += each.connections
             unfinished += each.unfinished
     return images, connections, unfinished

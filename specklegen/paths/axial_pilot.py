@@ -13,14 +13,13 @@ from specklegen.core.random_streams import pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.analog_walk import AxialLight, axial_light
 from specklegen.paths.gaussianity import PathMoments
-from specklegen.paths.pilot import PILOT_PATHS
 from specklegen.paths.rare_paths import ENOUGH, rare_paths_decision
 from specklegen.paths.slab_tracer import events_per_path
 from specklegen.paths.steps import inside_share
 from specklegen.paths.stretching import relative_variance
 from specklegen.scene.scene import Scene
 
-_MOST_PATHS = 2**16
+_FIRST_PATHS, _MOST_PATHS = 6000, 2**16
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class AxialPilot:
 def axial_pilot(scene: Scene) -> AxialPilot:
     """Pilot of beams through layers that refract, seen along the axis."""
     medium, seed = scene.slab, pilot_seed(scene.unitless_fingerprint())
-    count = PILOT_PATHS
+    count = _FIRST_PATHS
     while True:
         light = axial_light(medium, count, seed, threads=1)
         moments = PathMoments.of(light.weight, np.arange(count), count)

@@ -14,7 +14,7 @@ from specklegen.core.decision import Decision
 from specklegen.core.kept_results import kept_result
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
-from specklegen.paths.bank import PathBank
+from specklegen.paths.bank import PathBank, concatenate
 from specklegen.paths.deep_absorption import crossing_variances, dark_views
 from specklegen.paths.endpoint_factors import contributions_of_pairs, multiple_amplitudes, single_amplitudes
 from specklegen.paths.gaussianity import PathMoments, relative_variance
@@ -23,7 +23,9 @@ from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.tracer import Tracer, lock_step_obstacle, slab_tracer, volume_tracer
 from specklegen.scene.scene import Scene
 
-PILOT_PATHS = 6000
+FEW_PATHS, PILOT_PATHS = 2048, 6144
+"""Of the first paths: all that are traced where the fewer leave no doubt, and else."""
+_SURE = 2 * ENOUGH  # of the fewer that have to carry the variance
 _MOST_EVENTS = {True: 3e7, False: 5e6}  # of a pilot that grows, in lock step or not: about half a second
 _MOST_CONNECTIONS = 2**18
 _MEAN_PATHS = 256  # at a time
@@ -38,8 +40,10 @@ class PilotNumbers:
 
     Attributes
     ----------
+    paths : int
+        The first paths.
     events : int
-        Scattering events of the first paths.
+        Scattering events of these.
     connections : int
         Connections of them that were kept.
     moments : PathMoments
@@ -56,6 +60,7 @@ class PilotNumbers:
         What the rules of pilots say: rare paths, dark views.
     """
 
+    paths: int
     events: int
     connections: int
     moments: PathMoments
@@ -72,17 +77,38 @@ class FirstPaths:
     Attributes
     ----------
     tracer : Tracer
+    reverse : bool
+        Whether paths count backwards too.
     seed : int
         Of the scene.
     """
 
     tracer: Tracer
+    reverse: bool
     seed: int
 
-    @cached_property
+    @property
     def bank(self) -> PathBank:
         """Their connections."""
-        return self.tracer.trace(self.seed, PILOT_PATHS, stream=Stream.PILOT, threads=1)
+        return self.found[0]
+
+    @cached_property
+    def found(self) -> tuple[PathBank, _Powers]:
+        """Few paths, or more where fewer than fifty of these carry the variance; and what they send."""
+        bank = self.trace(0, min(FEW_PATHS, PILOT_PATHS))
+        powers = self.powers(bank)
+        if bank.count < PILOT_PATHS and _worst(powers, bank.count).effective_paths < _SURE:
+            bank = concatenate([bank, self.trace(bank.count, PILOT_PATHS - bank.count)])
+            powers = self.powers(bank)
+        return bank, powers
+
+    def trace(self, first: int, count: int) -> PathBank:
+        """Connections of the pilot's paths ``first`` ... ``first + count - 1``."""
+        return self.tracer.trace(self.seed, count, first=first, stream=Stream.PILOT, threads=1)
+
+    def powers(self, bank: PathBank) -> _Powers:
+        """What connections send from a few lights to a few views."""
+        return _powers(self.tracer, self.reverse, bank)
 
 
 @dataclass(frozen=True)
@@ -110,12 +136,12 @@ class Pilot(PilotNumbers):
     @property
     def events_per_path(self) -> float:
         """Scattering events a path."""
-        return self.events / PILOT_PATHS
+        return self.events / self.paths
 
     @property
     def connections_per_path(self) -> float:
         """Connections kept a path."""
-        return self.connections / PILOT_PATHS
+        return self.connections / self.paths
 
 
 def scene_pilot(scene: Scene, reverse: bool) -> Pilot:
@@ -134,34 +160,34 @@ def pilot_by_walk(scene: Scene, reverse: bool, any_geometry: bool) -> Pilot:
     tracer: Tracer = volume_tracer(scene, reverse) if any_geometry else slab_tracer(scene, reverse)
     if scene.film:
         return replace(pilot_by_walk(scene.at_rest, reverse, any_geometry), tracer=tracer)
-    first = FirstPaths(tracer, pilot_seed(scene.unitless_fingerprint()))
+    first = FirstPaths(tracer, reverse, pilot_seed(scene.unitless_fingerprint()))
     about = ("pilot", scene, reverse, any_geometry)
-    numbers = kept_result(PilotNumbers, about, lambda: _numbers(scene, reverse, first))
+    numbers = kept_result(PilotNumbers, about, lambda: _numbers(scene, first))
     return Pilot(**vars(numbers), tracer=tracer, first=first)
 
 
-def _numbers(scene: Scene, reverse: bool, first: FirstPaths) -> PilotNumbers:
+def _numbers(scene: Scene, first: FirstPaths) -> PilotNumbers:
     """What the first paths say, and as many more as it takes."""
-    tracer, bank = first.tracer, first.bank
-    powers = _powers(tracer, reverse, bank)
+    bank, powers = first.found
+    count = bank.count
     means, share = [], 0.0
     for single, multiple in zip(*(weights for _, weights in powers), strict=True):
-        mean = (single.sum() + multiple.sum()) / PILOT_PATHS
+        mean = (single.sum() + multiple.sum()) / count
         means.append(mean)
-        rest = np.bincount(powers[1][0], multiple, PILOT_PATHS)
+        rest = np.bincount(powers[1][0], multiple, count)
         if mean > 0:
-            share = max(share, (rest.mean() + 3 * rest.std() / np.sqrt(PILOT_PATHS)) / mean)
-    drawn = isinstance(tracer, SlabTracer) and tracer.across
+            share = max(share, (rest.mean() + 3 * rest.std() / np.sqrt(count)) / mean)
+    drawn = isinstance(first.tracer, SlabTracer) and first.tracer.across
     variances = () if drawn else crossing_variances(scene)
     missed_variance = min(variances, default=0.0)
-    moments = _sure(tracer, reverse, first.seed, bank, powers).stated()
+    moments = _sure(first, powers).stated()
     moments = replace(moments, relative_variance=max(moments.relative_variance, missed_variance))
     dark = dark_views(variances, np.array(means))
     shadow = Decision("dark views", True, dark, doubt=True) if dark else None
     rules = rare_paths_decision(moments.effective_paths), shadow
     decisions = tuple(decision for decision in rules if decision)
     return PilotNumbers(
-        bank.events, len(bank), moments, float(max(means, default=0.0)), float(share), missed_variance, decisions
+        count, bank.events, len(bank), moments, float(max(means, default=0.0)), float(share), missed_variance, decisions
     )  # fmt: skip
 
 
@@ -185,19 +211,18 @@ def _worst(found: _Powers, count: int) -> PathMoments:
     return PathMoments.of(worst, paths, count)
 
 
-def _sure(tracer: Tracer, reverse: bool, seed: Seed, bank: PathBank, found: _Powers) -> PathMoments:
+def _sure(first: FirstPaths, found: _Powers) -> PathMoments:
     """Moments at the worst light and view from as many paths as it takes to know their variance, or as may be traced.
 
-    The first of them, ``bank`` and what it ``found``, are there.
+    The first of them, and what they ``found``, are there.
     """
-    lock_step = isinstance(tracer, SlabTracer)
+    lock_step, bank = isinstance(first.tracer, SlabTracer), first.bank
+    count = bank.count
     rate = max(bank.events / _MOST_EVENTS[lock_step], len(bank) / _MOST_CONNECTIONS)  # of the first paths
-    most = int(PILOT_PATHS / rate) if rate > 0 else PILOT_PATHS
-    count = PILOT_PATHS
+    most = int(count / rate) if rate > 0 else count
     moments = _worst(found, count)
     while moments.effective_paths < ENOUGH and 2 * count <= most:
-        more = tracer.trace(seed, count, first=count, stream=Stream.PILOT, threads=1)
-        found, count = found + _powers(tracer, reverse, more), 2 * count
+        found, count = found + first.powers(first.trace(count, count)), 2 * count
         moments = _worst(found, count)
     return moments
 

@@ -29,7 +29,7 @@ from specklegen.paths.volume_tracer import VolumeTracer
 from specklegen.scene.scatterers.scatterer import Dimensions, Scatterer
 
 TIMES = 2.0  # that the added variance counts
-SLAB_PATHS = VOLUME_PATHS = 4096  # of the pilots
+SLAB_PATHS, VOLUME_PATHS = 1024, 4096  # of the pilots
 _SLAB_EVENT, _VOLUME_EVENT = 0.05, 0.01  # cost of a scattering event, in connections by the NUFFT or the direct sum
 _TRIED = 1000  # thresholds
 _LEAST_AT_ONCE, _EVENTS_AT_ONCE = 256, 2**15  # paths of a slab's pilot, or their events; all of them are 16 MB at most

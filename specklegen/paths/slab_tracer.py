@@ -32,7 +32,7 @@ from specklegen.scene.illumination import CollimatedBeams, reference_direction
 from specklegen.scene.media import Medium, PlaneMedium, as_slab
 
 MOST_EVENTS = 1e4
-"""Of a path, on average: of a pilot of 6000 paths two or three then cross a slab that does not absorb."""
+"""Of a path, on average: of the 6144 paths of a pilot two or three then cross a slab that does not absorb."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ _SHALLOW = 4.0  # optical depth that enough paths cross, whatever they meet
 _NODES = 2048  # of H
 _LARGEST_RATE = 0.98  # beyond it nearly every direction drawn would be thrown away
 _LEAST_ACCEPTED = 1e-5  # chance of a direction to be taken, wherever it comes from
-_SEEN = 120.0  # relative variance up to which a pilot of 6000 paths sees what matters, 50 times
+_SEEN = 120.0  # relative variance up to which the 6144 paths of a pilot see what matters, 50 times
 _WORTH = 1.0  # relative variance of paths that are not drawn across from which others are better
 _HALVINGS = 40
 

@@ -21,7 +21,6 @@ from specklegen.core.random_streams import Stream, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.momentum import doppler_shift, geometric_classes, momentum_classes, momentum_transfer
-from specklegen.paths.pilot import PILOT_PATHS
 from specklegen.paths.tracer import scene_tracer
 from specklegen.paths.volumes import collects_flow, drift_of, volume_of
 from specklegen.samplers.screens.film import frame_correlation
@@ -31,6 +30,7 @@ from specklegen.scene.scene import Scene
 from specklegen.theory.speckle_contrast import class_field, contrast_squared, sub_frame_contrast_squared, sub_frames
 
 _Correlation = Callable[[np.ndarray], np.ndarray]
+_PATHS = 6000  # that tell how light of a scene decorrelates in time
 _FEW = 64  # instants that are tried before the most that there may be
 _SHIFTS, _TRANSFERS = 513, 65
 """Classes of Doppler shifts, each 3 % wide: of 10 radians those of a class keep .996; and of Y beside them."""
@@ -95,7 +95,7 @@ def _classes(scene: Scene) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Shares, mean momentum transfers and Doppler shifts of a pilot's light, at a few lights and views it reaches."""
     tracer = scene_tracer(scene, False)
     seed = pilot_seed(scene.unitless_fingerprint())
-    bank = tracer.trace(seed, PILOT_PATHS, stream=Stream.PILOT, threads=1)
+    bank = tracer.trace(seed, _PATHS, stream=Stream.PILOT, threads=1)
     few, classes = tracer.layout.probed(), []
     lights = np.unique(few.lights.vectors, axis=0, return_index=True)[1]
     for light in np.sort(lights):

@@ -21,7 +21,7 @@ from specklegen.core.values import remembered
 from specklegen.memory_effects.atlas import TOLERANCE, Errors, atlas_correlation, atlas_errors
 from specklegen.paths.axial_pilot import AxialPilot, axial_pilot
 from specklegen.paths.flows import drifted
-from specklegen.paths.pilot import PILOT_PATHS, Pilot, scene_pilot
+from specklegen.paths.pilot import Pilot, scene_pilot
 from specklegen.paths.steps import refracting_layers
 from specklegen.samplers.sampler import (
     FIXED_BYTES,
@@ -53,6 +53,7 @@ if TYPE_CHECKING:
 
 
 _CORRELATION = "memory-effect correlation"
+_PATHS = 6000  # that tell K where only the cost of an image is asked for
 BYTES_A_PIXEL = 400
 """Of a hidden object's pixels as values: their brightness, directions, and what they are known by, as text."""
 
@@ -282,11 +283,11 @@ def _image_work(scene: Scene, complete: bool) -> _ImageWork:
     seed, lit = pilot_seed(scene.unitless_fingerprint()), int(np.count_nonzero(light.brightness))
     correlation: MemoryEffectCorrelation | PolarisedCorrelation | None
     if scene.polarisers is not None:
-        correlation = estimate_polarised_correlation(scene.slab, scene.polarisers, PILOT_PATHS, seed, threads=1)
+        correlation = estimate_polarised_correlation(scene.slab, scene.polarisers, _PATHS, seed, threads=1)
     else:
         slab = as_slab(scene.slab)
         correlation = None if slab is None else atlas_correlation(slab)
-        correlation = correlation or estimate_correlation(scene.slab, PILOT_PATHS, seed, threads=1)
+        correlation = correlation or estimate_correlation(scene.slab, _PATHS, seed, threads=1)
     held = BYTES_A_PIXEL * light.brightness.size
     if not correlation.weights.any():  # which says nothing of modes
         return _ImageWork((), held)
