@@ -16,13 +16,15 @@ component at the transverse wavevector q, x = D k^2 tau; what is lost comes back
 one beam, tilted by nothing, that is exp{-OD [1 - <e^(-x sin^2 theta)>]}, the mean over the lobe.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.fft import fft2, ifft2
 
+from specklegen.core.arguments import array_from_zero
 from specklegen.core.errors import reject
 from specklegen.scene.media import PlaneMedium
 from specklegen.scene.scatterers import Scatterer
@@ -105,7 +107,7 @@ def multi_slice(
     parts, sines = _parts(slab, wavelength, pitch, size), np.fft.fftfreq(size, pitch / wavelength)
     power = np.square(sines) + np.square(sines)[:, None]
     views = (power < reach**2) & (power > 0)  # without what was not scattered
-    kept = np.exp(-motion * power).astype(np.float32) if motion else None
+    kept = [np.exp(-motion * power).astype(np.float32)] if motion else []
     curves = [_realization(_screens([seed, n], parts, kept), [0, *bins], views, sines) for n in range(realizations)]
     tilts = np.array(bins) * wavelength / (pitch * size)
     return MultiSlice(tilts, np.array([every for every, _ in curves]), np.array([axis for _, axis in curves]))
@@ -139,6 +141,39 @@ def slice_views(
     parts = _parts(slab, wavelength, pitch, size)
     for n in range(realizations):
         yield np.array(_spectra(_screens([seed, n], parts), size, bins)) * np.float32(pitch**2 / wavelength)
+
+
+def slice_film(
+    slab: PlaneMedium, *, wavelength: float, pitch: float, size: int, motions: ArrayLike, seed: int = 0
+) -> np.ndarray:
+    """Far fields of light along the axis behind random phase screens that move, at instants one after the other.
+
+    Parameters
+    ----------
+    slab, wavelength, pitch, size, seed
+        As of :func:`multi_slice`.
+    motions
+        float64[F], x = D k^2 t of each instant, rising.
+
+    Returns
+    -------
+    complex64[F, size, size]
+        As :func:`slice_views` yields them; light that was not scattered lies in bin 0.
+
+    Raises
+    ------
+    RuleError
+        As :func:`multi_slice`, and for motions that fall.
+    """
+    _check(slab, wavelength, pitch)
+    steps = np.diff(array_from_zero("slice_film motions", motions))
+    if (steps < 0).any():
+        reject("slice_film motions", "rising", motions)
+    sines = np.fft.fftfreq(size, pitch / wavelength)
+    power = np.square(sines) + np.square(sines)[:, None]
+    kept = [np.exp(-step * power).astype(np.float32) for step in steps]
+    screens = _screens([seed, 0], _parts(slab, wavelength, pitch, size), kept)
+    return np.array(_spectra(screens, size, [(0, 0)] * (len(kept) + 1))) * np.float32(pitch**2 / wavelength)
 
 
 def slice_coherence(slab: PlaneMedium, *, wavelength: float, pitch: float, size: int) -> np.ndarray:
@@ -218,11 +253,11 @@ def _spectrum(scatterer: Scatterer, sines: np.ndarray) -> np.ndarray:
 
 
 def _screens(
-    seed: list[int], parts: list[_Part], kept: np.ndarray | None = None
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Factors e^(i phi) of each screen, before and after it moved, and half a step beside it: complex64[n, n] each.
+    seed: list[int], parts: list[_Part], kept: Sequence[np.ndarray] = ()
+) -> Iterator[tuple[list[np.ndarray], np.ndarray]]:
+    """Factors e^(i phi) of each screen at one instant after the other, and half a step beside it: complex64[n, n].
 
-    ``kept`` float32[n, n] is what motion leaves of the phases' amplitudes.
+    ``kept`` are float32[n, n], what motion leaves of the phases' amplitudes from each instant to the next.
     """
     at_rest, moved = np.random.default_rng(seed), np.random.default_rng([*seed, 1])
 
@@ -232,25 +267,26 @@ def _screens(
 
     for count, half, amplitude in parts:
         for n in range(0, count, 2):  # the real and the imaginary part of one transform are two screens
-            first = noise(at_rest, amplitude)
-            later = first if kept is None else first * kept + noise(moved, amplitude) * np.sqrt(1 - kept**2)
-            before = np.asarray(fft2(first))
-            after = before if kept is None else np.asarray(fft2(later))
-            yield np.exp(1j * before.real), np.exp(1j * after.real), half
+            phases = [noise(at_rest, amplitude)]
+            for share in kept:
+                phases.append(phases[-1] * share + noise(moved, amplitude) * np.sqrt(1 - share**2))
+            both = [np.asarray(fft2(phase)) for phase in phases]
+            yield [np.exp(1j * phase.real) for phase in both], half
             if n + 1 < count:
-                yield np.exp(1j * before.imag), np.exp(1j * after.imag), half
+                yield [np.exp(1j * phase.imag) for phase in both], half
 
 
 def _spectra(
-    screens: Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]], size: int, bins: list[tuple[int, int]]
+    screens: Iterator[tuple[list[np.ndarray], np.ndarray]], size: int, bins: list[tuple[int, int]]
 ) -> list[np.ndarray]:
-    """Transforms complex64[n, n] of plane waves of tilts (x, y) in bins; all but the first meet screens that moved."""
+    """Transforms complex64[n, n] of plane waves of tilts (x, y) in bins, each at its instant or the last."""
     unit = np.exp(2j * np.pi * np.arange(size) / size).astype(np.complex64)
     fields = [np.outer(unit[np.arange(size) * y % size], unit[np.arange(size) * x % size]) for x, y in bins]
     behind = np.ones((), np.complex64)
-    for before, after, half in screens:
+    for factors, half in screens:
         for number, field in enumerate(fields):
-            field[...] = np.asarray(ifft2(np.asarray(fft2(field)) * (behind * half))) * (after if number else before)
+            factor = factors[min(number, len(factors) - 1)]
+            field[...] = np.asarray(ifft2(np.asarray(fft2(field)) * (behind * half))) * factor
         behind = half
     return [np.asarray(fft2(field)) * behind for field in fields]
 

@@ -139,6 +139,29 @@ def test_screens_that_move():
             assert_mean(found, law**1.2)
 
 
+def test_a_film_of_screens_is_correlated_by_the_same_law_between_all_its_instants():
+    """At 0, 8 and 20, unevenly; a film of two instants is two lights one after the other."""
+    grid, motions = {"wavelength": 1.0, "pitch": 0.5, "size": 96}, np.array([0.0, 8.0, 20.0])
+    one, two = np.triu_indices(3, 1)
+
+    def joined(seed, motions, one, two):
+        film = slices.slice_film(slab(), **grid, motions=motions, seed=seed)
+        power = np.square(np.abs(film)).sum((1, 2), dtype=np.float64)
+        product = (film[one] * film[two].conj()).sum((1, 2), dtype=np.complex128)
+        return np.abs(product) / np.sqrt(power[one] * power[two])
+
+    of_lights = run(slab(), 1, size=96, bins=[0], motion=8.0).all_views[0]
+    np.testing.assert_allclose(joined(0, motions[:2], [0], [1]), of_lights, rtol=1e-5)
+    found = [joined(seed, motions, one, two) for seed in range(32)]
+    law = [np.exp(-5.0 * (1 - lobe_mean(x, LOBE.concentration))) for x in motions[two] - motions[one]]
+    assert_mean(found, np.array(law))
+    for wrong in ([law[0], law[1], law[1]], [law[0], law[2], law[2]]):  # steps that do not add up
+        with pytest.raises(AssertionError, match="z ="):
+            assert_mean(found, np.array(wrong))
+    with pytest.raises(RuleError, match="slice_film motions must be rising"):
+        slices.slice_film(slab(), **grid, motions=[0.0, 2.0, 1.0])
+
+
 def test_screens_that_have_moved_far_are_others():
     """What is left is the unscattered light, e^-OD over all views, and nothing about the axis."""
     found = run(slab(), realizations=4, size=128, bins=[0], motion=1e9, reach=0.15)
