@@ -7,6 +7,8 @@ import pytest
 from scenes import of_the_figures
 from zscore import assert_mean, assert_z
 
+from specklegen.theory.speckle_contrast import exponential_contrast_squared
+
 
 @pytest.fixture(scope="module")
 def why():
@@ -16,6 +18,11 @@ def why():
 @pytest.fixture(scope="module")
 def images():
     return of_the_figures("_why")
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return of_the_figures("_why_motion")
 
 
 def covariance(patterns, along):
@@ -78,6 +85,43 @@ def test_stacks_by_a_curve_forget_by_it(images):
         assert_mean((shown - other)[:, 2], 0.0, slack=0.02)
     apart = np.array([images.registered(stack, -1)[1::3] for stack, _ in stacks])  # the other way nothing overlaps
     assert np.abs(apart.mean(0)).max() < 0.05
+
+
+def test_exposures_by_a_law_have_its_contrast(motion):
+    """K^2 of the closed form; of 1024 grains the smooth brightness takes a little, and squares are not linear."""
+    stacks = list(islice(motion.exposures_by_a_law(1), 150))
+    times = 10 ** np.array([told[0] for _, told in stacks])
+
+    def off(times):
+        expected = exponential_contrast_squared(motion.EXPOSURES, times[:, None])
+        return [motion.contrasts(stack) for stack, _ in stacks] - np.log10(expected)
+
+    assert_mean(off(times), 0.0, slack=0.01)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(off(1.2 * times), 0.0, slack=0.01)
+
+
+def test_exposures_of_the_stream_have_the_contrast_that_they_tell(motion):
+    stacks, told = zip(*motion.exposures_of_the_stream(3, 40), strict=True)
+    seen, (light, particles) = np.array([motion.contrasts(x) for x in stacks]), np.array(told).T
+    assert 1.2 < (light - particles).min() < (light - particles).max() < 3.0  # twenty to some hundred times slower
+    slow = light > np.median(light)
+    assert (seen[slow].mean(0) > seen[~slow].mean(0) + 0.02).all()
+
+
+@pytest.mark.slow
+def test_the_stream_has_the_contrast_of_waves(motion):
+    """As many slabs as is quick, each beside the stream's mean at its own times, within a straight line of log10."""
+    stacks, told = zip(*motion.exposures_of_the_stream(5, 300), strict=True)
+    line = np.linalg.lstsq(basis(told), np.array([motion.contrasts(x) for x in stacks]), rcond=None)[0]
+    waves = [motion.exposures_by_waves(seed) for seed in range(6)]
+    off = np.array([motion.contrasts(x) for x, _ in waves]) - basis([told for _, told in waves]) @ line
+    assert_mean(off[:, 1:], 0.0, slack=0.08)
+
+
+def basis(told):
+    time = np.array(told)[:, 0]
+    return np.stack([time**n for n in range(5)], 1)
 
 
 def test_samples_are_made_by_number_and_by_time(why):

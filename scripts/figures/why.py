@@ -6,9 +6,10 @@ Run it by itself: python scripts/figures/why.py --out docs/images [--quick]
 
 How thick are the beads of a row of light behind a slab (four diameters)? The row is as wide behind all slabs, and a
 part, some, or many memory-effect ranges wide behind a thin, a middle and a thick one. And how far does the memory
-effect of an unknown slab reach, and how thick is it, by six tilts? The network, its inputs (correlations) and its steps
-are the same for all; either the number of images is, or the processor time to make them and their inputs. Seeds stand
-for new images and a new network each. Intervals are of waves' media and seeds together.
+effect of an unknown slab reach, and how thick is it, by six tilts? And how fast is the light behind an unknown slab
+forgotten, and how fast are its particles, by the contrast of four exposures? The network, its inputs (correlations) and
+its steps are the same for all; either the number of images is, or the processor time to make them and their inputs.
+Seeds stand for new images and a new network each. Intervals are of waves' media and seeds together.
 """
 
 import os
@@ -42,6 +43,8 @@ from _why import (
     stacks_by_a_curve,
     stacks_of_the_stream,
 )
+from _why_motion import contrasts, exposures_by_a_law, exposures_by_waves, exposures_of_the_stream
+from matplotlib.axes import Axes
 
 from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.models.metrics import bootstrap
@@ -53,6 +56,8 @@ MAKERS = {"specklegen": "C0", "convolution, a new pattern each": "C1", "convolut
 KINDS = dict(zip(list(MAKERS)[1:4], ("fresh", "one", "independent"), strict=True))
 TOLD = ["range", "thickness"]
 SOURCES = {"specklegen": "C0", "patterns of a curve by hand": "C3", "no answer but the mean": "0.7"}
+MOVING = {"specklegen": "C0", "one exponential by hand": "C3", "no answer but the mean": "0.7"}
+TIMES = ["light's time to 1/e", "particles' time"]
 
 
 class Size(NamedTuple):
@@ -64,10 +69,11 @@ class Size(NamedTuple):
     media: int = 12  # that waves judge by, and as many others that they train by
     rows: int = 40  # behind each of them
     slabs: int = 60  # whose tilts waves judge by
+    films: int = 24  # of slabs whose exposures waves judge by
     steps: int = 1000  # of networks
 
 
-QUICK = Size((240.0,), 2, 60, 2, 12, 4, 100)
+QUICK = Size((240.0,), 2, 60, 2, 12, 4, 2, 100)
 
 
 class Images(NamedTuple):
@@ -198,19 +204,35 @@ def beads(thickness: float, size: Size) -> Beads:
     return Beads(FIELD / half, right, media, number)
 
 
-def tilts(size: Size) -> dict[str, tuple[list[np.ndarray], list[np.ndarray]]]:
-    """Absolute errors of log10 of range and thickness, by waves' tilts, of the networks of each maker."""
-    stacks = [stack_by_waves(3000 + n) for n in range(size.slabs)]
-    test = Images(np.array([registered(x, 1) for x, _ in stacks]), np.array([told for _, told in stacks]))
-    found: dict[str, tuple[list[np.ndarray], list[np.ndarray]]] = {name: ([], []) for name in SOURCES}
+Errors = dict[str, tuple[list[np.ndarray], list[np.ndarray]]]
+"""Absolute errors of the first answer and of the second, a list of seeds each, by maker."""
 
+
+def tilts(size: Size) -> Errors:
+    """Errors of log10 of range and thickness, by waves' tilts."""
+    stacks = [stack_by_waves(3000 + n) for n in range(size.slabs)]
+    return two_numbers(list(SOURCES), stacks, _registered, stacks_of_the_stream, stacks_by_a_curve, size)
+
+
+def exposures(size: Size) -> Errors:
+    """Errors of log10 of the light's time to 1/e and of the particles' own, by waves' exposures."""
+    stacks = [exposures_by_waves(4000 + n) for n in range(size.films)]
+    return two_numbers(list(MOVING), stacks, contrasts, exposures_of_the_stream, exposures_by_a_law, size)
+
+
+def two_numbers(
+    names: list[str], judged: list, inputs: Callable, stream: Callable, by_hand: Callable, size: Size
+) -> Errors:
+    """Train on the stream and on what is made by hand in its time, which knows of the first number alone."""
+    test = Images(np.array([inputs(x) for x, _ in judged]), np.array([told for _, told in judged]))
+    found: Errors = {name: ([], []) for name in names}
     sets = []
     for seed in range(size.seeds):
-        images, _, seconds = made(stacks_of_the_stream(seed, size.images), _registered, size.images, np.inf)
-        hand, within, _ = made(stacks_by_a_curve(seed), _registered, size.images, seconds)
+        images, _, seconds = made(stream(seed, size.images), inputs, size.images, np.inf)
+        hand, within, _ = made(by_hand(seed), inputs, size.images, seconds)
         sets += [images, Images(*(x[:within] for x in hand))]
     answers = trained(sets, 2, size.steps)(test.seen)
-    answers[1::2, :, 1] = np.nan  # a curve has no thickness
+    answers[1::2, :, 1] = np.nan
     for images, ours, hand in zip(sets[::2], answers[::2], answers[1::2], strict=True):
         for name, told in zip(found, (ours, hand, images.told.mean(0)), strict=True):
             for kept, errors in zip(found[name], np.abs(told - test.told).T, strict=True):
@@ -239,16 +261,20 @@ def points(found: Beads) -> dict[str, tuple[float, ...]]:
     return {name: (found.wide, *interval(b or a, found.media)) for name, (a, b) in found.right.items()}
 
 
-def bars(found: dict[str, tuple[list[np.ndarray], list[np.ndarray]]]) -> dict[tuple[str, str], tuple[float, ...]]:
-    """Mean errors by (what, who), with the ends of their intervals."""
-    told = {(what, name): errors for name, both in found.items() for what, errors in zip(TOLD, both, strict=True)}
-    media = {key: np.arange(len(errors[0])) for key, errors in told.items()}
-    return {key: interval(errors, media[key]) for key, errors in told.items() if np.isfinite(errors[0]).all()}
+Bars = dict[tuple[str, str], tuple[float, ...]]
+"""Mean errors by (what, who), with the ends of their intervals."""
 
 
-def draw(out: Path, beads: list[dict[str, tuple[float, ...]]], tilts: dict[tuple[str, str], tuple[float, ...]]) -> None:
+def bars(found: Errors, told: list[str]) -> Bars:
+    """Mean errors of what was ``told``."""
+    by_name = {(what, name): errors for name, both in found.items() for what, errors in zip(told, both, strict=True)}
+    media = {key: np.arange(len(errors[0])) for key, errors in by_name.items()}
+    return {key: interval(errors, media[key]) for key, errors in by_name.items() if np.isfinite(errors[0]).all()}
+
+
+def draw(out: Path, beads: list[dict[str, tuple[float, ...]]], tilts: Bars, exposures: Bars) -> None:
     """Draw why.png of points and bars."""
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4.2), width_ratios=[1.5, 1])
+    figure, axes = plt.subplots(1, 3, figsize=(14, 4.2), width_ratios=[1.5, 1, 1])
     for n, (name, color) in enumerate(MAKERS.items()):
         wide, mean, low, high = np.array([each[name] for each in beads]).T
         axes[0].errorbar(wide * 1.04 ** (n - 2), mean, (mean - low, high - mean), fmt="o-", ms=4, capsize=2,
@@ -258,29 +284,37 @@ def draw(out: Path, beads: list[dict[str, tuple[float, ...]]], tilts: dict[tuple
     axes[0].set_xlabel("width of the object, memory-effect ranges")
     axes[0].set_ylabel("diameter of beads told rightly")
     axes[0].legend(fontsize=8, loc=(0.03, 0.13))
-    for (what, name), (mean, low, high) in tilts.items():
-        n, place = list(SOURCES).index(name), TOLD.index(what)
-        axes[1].bar(place + 0.27 * (n - 1), mean, 0.25, yerr=[[mean - low], [high - mean]], capsize=2,
-                    color=SOURCES[name], label=name if place == 0 else None)  # fmt: skip
-    axes[1].set_xticks(range(len(TOLD)), TOLD)
+    draw_bars(axes[1], tilts, SOURCES, TOLD)
     axes[1].set_ylabel("mean error of log10, six tilts of an unknown slab")
-    axes[1].margins(y=0.35)
-    axes[1].legend(fontsize=8, loc="upper center")
+    draw_bars(axes[2], exposures, MOVING, TIMES)
+    axes[2].set_ylabel("mean error of log10, four exposures of an unknown slab")
     save(figure, out / "why.png")
+
+
+def draw_bars(axes: Axes, found: Bars, colors: dict[str, str], told: list[str]) -> None:
+    """Draw the errors of two numbers."""
+    for (what, name), (mean, low, high) in found.items():
+        n, place = list(colors).index(name), told.index(what)
+        axes.bar(place + 0.27 * (n - 1), mean, 0.25, yerr=[[mean - low], [high - mean]], capsize=2,
+                 color=colors[name], label=name if place == 0 else None)  # fmt: skip
+    axes.set_xticks(range(len(told)), told)
+    axes.margins(y=0.35)
+    axes.legend(fontsize=8, loc="upper center")
 
 
 def main(out: Path, quick: bool) -> None:
     """Draw the figure into a folder, and print the tables."""
     torch.set_num_threads(1)
-    size, told = QUICK if quick else Size(), []
+    size, points_of = QUICK if quick else Size(), []
     for thickness in size.thicknesses:
         found = beads(thickness, size)
         print(*rows(found), sep="\n", flush=True)
-        told.append(points(found))
-    errors = bars(tilts(size))
-    for (what, name), each in errors.items():
-        print("| tilts: {} | {} | {:.3f} [{:.3f}, {:.3f}] |".format(what, name, *each), flush=True)
-    draw(out, told, errors)
+        points_of.append(points(found))
+    errors = [bars(tilts(size), TOLD), bars(exposures(size), TIMES)]
+    for of, each in zip(("tilts", "exposures"), errors, strict=True):
+        for (what, name), error in each.items():
+            print("| {}: {} | {} | {:.3f} [{:.3f}, {:.3f}] |".format(of, what, name, *error), flush=True)
+    draw(out, points_of, *errors)
 
 
 if __name__ == "__main__":
