@@ -36,7 +36,10 @@ HELD = 40.0
 """Nats above the least within which the grain lies in 19 of 20 photographs: counted on drawn ones."""
 DOUBTED = 100.0
 """Nats above the least at which a stated grain is doubted; the most at a true one was 77 (docs/measured.md)."""
-_SHAPES = ("disc", "square")
+SHAPES: tuple[Profile, ...] = ("disc", "square")
+"""Of windows with an edge, which can be asked for."""
+SMALLEST_EXTENT, LARGEST_EXTENT = 8, 128
+"""Camera pixels of a frame."""
 _FAR = 0.62  # cycles a pixel, in all directions, beyond which noise is read at first
 _LAST = 0.7  # cycles a pixel: a corner alone has no more
 _FIRST = 2.5  # cells of a tile's frequencies about zero that are left out
@@ -95,8 +98,8 @@ def fit_grain(images: Tensor, extent: int, profile: Profile = "disc", seed: Seed
     seen = host_tensor("fit_grain images", images)
     if seen.ndim != 3 or not len(seen):
         reject("fit_grain images", "of shape [photographs, rows, columns]", tuple(seen.shape))
-    choice("fit_grain profile", profile, _SHAPES)
-    size = whole_number("fit_grain extent", extent, 8, 128)
+    choice("fit_grain profile", profile, SHAPES)
+    size = whole_number("fit_grain extent", extent, SMALLEST_EXTENT, LARGEST_EXTENT)
     tile = 2 * size
     if seen.shape[-2] < seen.shape[-1]:
         seen = seen.mT
