@@ -205,8 +205,8 @@ class Solver:
         solved
             What :meth:`solve` found of them; it is asked where it was not.
         first
-            First images of one's own, float[B, K, n, n] on the frame of the solver, of at least one bright pixel: draws
-            begin at them in place of phase retrieval's few and short restarts. Such as phase retrieval's of many.
+            First images that draws begin at, float[B, K, n, n] on the frame of the solver, with at least one bright
+            pixel each: such as phase retrieval's of many restarts. By default those of its few and short ones.
 
         Raises
         ------
