@@ -22,7 +22,7 @@ from specklegen.models.learning.inputs import (
     without_background,
 )
 from specklegen.models.learning.measurement import measured
-from specklegen.models.learning.reconstructor import Reconstructor
+from specklegen.models.learning.reconstructor import Reconstructor, centred
 from specklegen.models.learning.solver import Solver
 from specklegen.models.likelihood.likelihood import Optics
 from specklegen.models.likelihood.multiframe import multiframe_deconvolution
@@ -111,6 +111,7 @@ def another_object(objects: Tensor) -> Method:
 def katz(
     retrieval: Retrieval | None = None, recipe: HiddenObject | None = None, seed: int = 0, *,
     division: Division | Literal["expected"] = "expected", apodise: bool = False, camera: Stated | None = None,
+    profile: Profile | None = None,
 ) -> Method:  # fmt: skip
     """Phase retrieval from the same lags that a network sees, camera noise taken off.
 
@@ -130,14 +131,17 @@ def katz(
         Apodise by the window's transfer function, which a laboratory knows: aims at the diffraction-limited object.
     camera
         What is known of its noise; by default the recipe's camera, or nothing where none is given.
+    profile
+        Of the window, which says where noise is read; by default that of the recipe, or nothing.
     """
+    shape = profile if recipe is None else recipe.profile
     stated = camera or ("unknown" if recipe is None else recipe.exposure or "none")
 
     def method(batch: Batch) -> Tensor:
         settings = retrieval or Retrieval()
         if settings.extent is None:
             settings = settings.replace(extent=max(batch["object"].shape[-2:]))
-        seen = seen_lags(batch, stated, None if recipe is None else recipe.profile)
+        seen = seen_lags(batch, stated, shape)
         images = []
         for n, grains in enumerate(seen.grain.tolist()):
             lags = seen.lags[n : n + 1]
@@ -181,6 +185,34 @@ def any_object(solver: Solver, recipe: HiddenObject, seed: int = 0) -> Method:
     ``seed`` is that of phase retrieval's starts.
     """
     return lambda batch: solver.solve(*measured(batch, recipe), seed=seed).image
+
+
+def drawn(solver: Solver, recipe: HiddenObject, retrieval: Retrieval | None = None, seed: int = 0) -> Method:
+    """Mean of pictures that the solver draws (:meth:`Solver.posterior`), some from phase retrieval's image.
+
+    Pictures that explain an image are many, and where the likelihood cannot choose one, their mean errs least. One that
+    begins at an image of many restarts visits what the solver's own short ones miss.
+
+    Parameters
+    ----------
+    solver
+        The solver.
+    recipe
+        Of the images.
+    retrieval
+        Restarts and iterations of phase retrieval; the extent is by default that of the object.
+    seed
+        Of its starts, and of the draws.
+    """
+    first, frame = katz(retrieval, recipe=recipe, seed=seed), solver.network.frame
+
+    def method(batch: Batch) -> Tensor:
+        image = centred(first(batch).clamp_min(0))
+        cut = (FRAME - frame) // 2
+        image = image[:, None, cut : cut + frame, cut : cut + frame].contiguous()
+        return solver.posterior(*measured(batch, recipe), seed=seed, first=image).mean
+
+    return method
 
 
 class SeenLags(NamedTuple):

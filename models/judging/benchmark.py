@@ -48,10 +48,11 @@ _KATZ = Retrieval(restarts=10)
 
 BASELINES: dict[str, Callable[[HiddenObject], Function]] = {
     "mean image": lambda recipe: baselines.mean_image(_training_objects(recipe)),
-    "Katz": lambda recipe: baselines.katz(_KATZ, seed=SEED, camera=_camera(recipe)),
+    "Katz": lambda recipe: baselines.katz(_KATZ, seed=SEED, camera=_camera(recipe), profile=recipe.profile),
     "Katz, C_I": lambda recipe: baselines.katz(_KATZ, recipe=recipe, seed=SEED),
     "packaged network": lambda recipe: baselines.network(load_pretrained()),
     "solver": lambda recipe: baselines.any_object(load_solver(), recipe, seed=SEED),
+    "solver, drawn": lambda recipe: baselines.drawn(load_solver(), recipe, _KATZ, seed=SEED),
     "Katz, even light": lambda recipe: baselines.on_even_light(baselines.katz(_KATZ, recipe=recipe, seed=SEED)),
     "solver, even light": lambda recipe: baselines.on_even_light(
         baselines.any_object(load_solver(), recipe, seed=SEED)
@@ -63,7 +64,7 @@ BASELINES: dict[str, Callable[[HiddenObject], Function]] = {
 }
 """Name of a baseline to what makes it for a task. "Katz, C_I", "Katz, even light" and the solvers know C_I; network and
 solver were trained by this package's samples, and the others have learned nothing but the mean image. "Even light" is
-an image over its fitted envelope."""
+an image over its fitted envelope, "drawn" the mean of eight pictures that the solver draws."""
 
 OF_SOME: dict[str, Callable[[HiddenObject], bool]] = {
     "multiframe": lambda recipe: recipe.media_group > 2,

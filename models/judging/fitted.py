@@ -32,7 +32,7 @@ def fitted(recipe: HiddenObject, seed: int = 0, steps: int = STEPS, starts: int 
     """
 
     def method(batch: Batch) -> Tensor:
-        seen = seen_lags(batch, recipe.exposure or "none")
+        seen = seen_lags(batch, recipe.exposure or "none", recipe.profile)
         rows, columns = batch["object"].shape[-2:]
         transfer = torch.stack([transfer_function(FRAME, grain, recipe.profile) for grain in seen.grain.tolist()])
         passed = transfer[:, : FRAME, : FRAME // 2 + 1].clamp_min(0).float()[:, None]

@@ -36,10 +36,12 @@ SIDE = 320
 OBJECT = (36, 36)
 HEIGHTS = tuple(range(8, 35, 2))
 """Longest sides of printed shapes, in pixels of the camera."""
+GRAIN = 1.8
+"""Pixels of the camera, measured from the frames by ``scripts/fine_object_pixels.py --measured``, a disc assumed."""
 CHANGES = {
-    "pixels": {"grain": 2.5, "object_pixel": 1.0, "shape": [SIDE, SIDE]}, "objects": {"shape": list(OBJECT)},
+    "pixels": {"grain": 2.0, "object_pixel": 1.0, "shape": [SIDE, SIDE]}, "objects": {"shape": list(OBJECT)},
 }  # fmt: skip
-"""Over the recipe ``ground-glass``: the grain is what the frames show, distances are not known."""
+"""Over the recipe ``ground-glass``, which takes no finer grain than 2 pixels; distances are not known."""
 _PI = (
     (3.6, 54.7), (56.0, 54.7), (56.0, 45.7), (49.1, 45.7), (49.1, 12.1), (49.4, 8.6), (50.3, 7.1), (52.0, 5.9),
     (54.2, 5.5), (57.4, 5.8), (57.4, -0.7), (53.9, -1.6), (50.3, -1.9), (46.5, -1.1), (42.2, 1.3), (40.5, 5.9),
@@ -58,7 +60,7 @@ def missing(folder: Path | str | None) -> bool:
 def digest() -> str:
     """SHA-256 of what decides a pixel or a score: digests of the files, the part that is shown, shapes, the frame."""
     shapes = [np.round(one, 6).tolist() for shape in SHAPES for one in _contours(shape)]
-    content = [public_data(SET).files, SIDE, OBJECT, HEIGHTS, CHANGES, SHAPES, GRITS, shapes, FRAME]
+    content = [public_data(SET).files, SIDE, OBJECT, HEIGHTS, CHANGES, SHAPES, GRITS, shapes, FRAME, GRAIN]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
@@ -74,9 +76,13 @@ def images(numbers: Sequence[int], folder: Path | str) -> Tensor:
 
 
 def batch(numbers: Sequence[int], folder: Path | str, setup: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Samples of some numbers, laid out as those of a recipe; ``setup`` has the parameters of one of its samples."""
+    """Samples of some numbers, laid out as those of a recipe.
+
+    ``setup`` has the parameters of one of its samples, of which the window's width is made that of :data:`GRAIN`.
+    """
     some = np.asarray(numbers)
     known = {name: torch.full((len(some),), float(values[0]), dtype=torch.float64) for name, values in setup.items()}
+    known["width"] = known["wavelength"] / (GRAIN * known["camera_pitch"])
     drawn = {"label": some % len(SHAPES), "medium": some // len(SHAPES)}
     return {
         "image": images(numbers, folder), "object": torch.zeros(len(some), *OBJECT),

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from specklegen.core.arguments import instance, whole_number
+from specklegen.core.arguments import host_tensor, instance, whole_number
 from specklegen.core.display.repr import short, summary
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
@@ -185,7 +185,7 @@ class Solver:
     @shielded()
     def posterior(
         self, seen: Periodogram, optics: Optics, memory: Sequence[MemoryEffect], *, draws: int = 8, seed: Seed = 0,
-        solved: Solution | None = None,
+        solved: Solution | None = None, first: Tensor | None = None,
     ) -> Posterior:  # fmt: skip
         """Draw pictures that explain what was measured, and weigh them; see :mod:`.posterior`.
 
@@ -204,12 +204,15 @@ class Solver:
             Of phase retrieval's starts and of the noise.
         solved
             What :meth:`solve` found of them; it is asked where it was not.
+        first
+            First images that draws begin at, float[B, K, n, n] on the frame of the solver, with at least one bright
+            pixel each: such as phase retrieval's of many restarts. By default those of its few and short ones.
 
         Raises
         ------
         RuleError
-            If there is not one memory effect, and one solution, for each object, or the number of draws is no such
-            number.
+            If there is not one memory effect, one solution, and a first image of that frame, for each object, or the
+            number of draws is no such number.
 
         Examples
         --------
@@ -224,10 +227,21 @@ class Solver:
         count = whole_number("posterior draws", draws, 2, 64)
         if solved is not None and len(instance("posterior solved", solved, Solution).image) != len(memory):
             reject("posterior solved", f"one for each of {len(memory)} objects", len(solved.image))
+        begun = None if first is None else self._first(first, len(memory))
         seen, likelihood, between, at_lags = self._measured("posterior", seen, optics, memory)
         shown = first_look(likelihood, at_lags, self.network.frame, seed)
         solved = solved or self._solved(seen, likelihood, between, at_lags, shown)
-        return posterior(load_prior(), likelihood, between, at_lags, solved.image, shown.answers, count, seed)
+        begun = shown.answers if begun is None else begun
+        return posterior(load_prior(), likelihood, between, at_lags, solved.image, begun, count, seed)
+
+    def _first(self, first: Tensor, count: int) -> Tensor:
+        """First images of ``posterior``, checked; float32[B, K, n, n]."""
+        images, n = host_tensor("posterior first", first).float(), self.network.frame
+        if images.ndim != 4 or len(images) != count or not images.shape[1] or images.shape[2:] != (n, n):
+            reject("posterior first", f"of shape [{count}, K, {n}, {n}], one object a row", tuple(images.shape))
+        if not (images.amax((-2, -1)) > 0).all():
+            reject("posterior first", "of at least one bright pixel each", float(images.amax((-2, -1)).min()))
+        return images.clamp_min(0)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the solver, its weights rounded to eight bits.

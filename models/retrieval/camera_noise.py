@@ -5,11 +5,15 @@ Fourier Optics*, 2005, section 6.3). Photon and read noise are white. So the mea
 noise's, whatever the gain of the camera, its photons and its background. Images are weighted by a Hann window first,
 whose transform falls off so fast (Harris, *Proc. IEEE* 66, 51, 1978) that no light leaks there.
 
+The band is as round as the window. A square one fills all frequencies from two pixels a grain down; a disc leaves the
+corners of their square to noise until grains are smaller than the root of two.
+
 A Gaussian window has no such edge: of the power at f = 0 it passes exp(-4 (f grain)^2), .009 at 1.08 cycles a grain.
 It leaves to noise the frequencies beyond 1.9 cycles a grain, in all directions: the corners of the spectrum from 2.8
 pixels a grain on. Where nobody says which window it was, power that falls off towards the corners tells.
 """
 
+import math
 from typing import Literal
 
 import torch
@@ -23,7 +27,9 @@ Stated = Camera | Literal["none", "unknown"]
 """A camera that states its noise, none, or one that states nothing."""
 
 BEYOND = 1.08
-"""Frequencies that are taken, over the highest that the window passes; above 1 for the width of Hann's peak."""
+"""Frequencies that are taken, over the highest that the window passes; above 1 for the width of Hann's peak.
+
+Along an axis, or where the window is known to be a disc in all directions."""
 SOFT = 1.9
 """The same for a window without an edge, along every direction: it passes 5e-7 there."""
 _FALSE_ALARM = 1e-7
@@ -33,7 +39,7 @@ _HANN = 2.25
 _SILENT = 1e-3
 """Share of an image's variance below which power is no reason to suspect a window without an edge."""
 READABLE = 2.4
-"""Pixels in a grain from which on a camera of 32 pixels a side has enough of them."""
+"""Pixels in a grain from which on a camera of 32 pixels a side has enough of them, whatever the window."""
 _TINY = 1e-300
 FEWEST = 32
 """Frequencies that there must be, for a spread of a fifth."""
@@ -72,7 +78,8 @@ def camera_noise(
     parts = torch.view_as_real(torch.fft.rfft2(flat * weights)).square()  # an absolute value takes thrice the time
     power = (parts[..., 0] + parts[..., 1]) / weights.square().sum()
     f, g = torch.fft.fftfreq(rows).double().abs(), torch.fft.rfftfreq(columns).double()
-    highest = torch.maximum(f[:, None], g).to(images.device)
+    far_from = torch.hypot if profile == "disc" else torch.maximum
+    highest = far_from(f[:, None].expand(-1, len(g)), g.expand(rows, -1)).to(images.device)
     beyond = highest > BEYOND / torch.as_tensor(grain, dtype=torch.float64, device=images.device)[..., None, None]
     read, readable = _mean(power, beyond)
     if profile is None or not Window(profile, 1.0).sharp:
@@ -91,7 +98,8 @@ def camera_noise(
     if readable.all():
         return read
     if camera == "unknown":
-        reject("camera_noise grain", f"above {2 * BEYOND:.3g} pixels, on a camera of many", grain,
+        least = (math.sqrt(2) if profile == "disc" else 2) * BEYOND
+        reject("camera_noise grain", f"above {least:.3g} pixels, on a camera of many", grain,
                "State the camera ([exposure] of a recipe or a setup), or open the aperture less.")  # fmt: skip
     stated = torch.zeros_like(read) if camera == "none" else camera.noise(images.double().mean((-2, -1)))
     return torch.where(readable, read, stated)

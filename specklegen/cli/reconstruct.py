@@ -93,6 +93,7 @@ def reconstruct(
     if together:
         _write_together(_deconvolved(stack, recipe, seed), _named(pages), notes, out, as_json)
         return
+    notes.extend(_doubted_grains(stack, _named(pages), recipe))
     curve = None if memory_effect is None else read_curve(memory_effect)
     given = stack[None] if frames else stack[:, None]
     found = reconstruct_and_assess(given, recipe, memory_effect=curve, fit=fit, draws=draws, seed=seed)
@@ -160,6 +161,29 @@ def _measured(path: Path, read: "Callable[..., Measurement]", notes: list[str]) 
         fitted = "as given" if found.envelope_order is None else f"fitted, order {found.envelope_order}"
         notes.append(f"{path.name}: an envelope of contrast {found.envelope.std():.2g} was divided out ({fitted})")
     return found
+
+
+def _doubted_grains(stack: "torch.Tensor", names: list[str], recipe: "HiddenObject") -> list[str]:
+    """What photographs say against the setup's grain: behind a thin medium, and where they have room to say it."""
+    import math
+
+    from specklegen.models.calibration.grain_fit import DOUBTED, LARGEST_EXTENT, SHAPES, SMALLEST_EXTENT, fit_grain
+    from specklegen.models.learning.solver import EXTENT
+    from specklegen.models.recoverability.assessment import setup_of
+
+    setup = setup_of(recipe) if hasattr(recipe.material, "screens") else None
+    if setup is None or setup.range_sine != float("inf") or setup.optics.profile not in SHAPES:
+        return []
+    grain, extent = float(setup.optics.grain), math.ceil(float(setup.optics.step) * EXTENT)
+    short, long = sorted(stack.shape[-2:])
+    if not SMALLEST_EXTENT <= extent <= LARGEST_EXTENT or short < 2 * extent or long < 4 * extent:
+        return []
+    found = fit_grain(stack, extent, setup.optics.profile)
+    return [
+        f"{name}: the setup says {grain:.3g} pixels a grain, the photograph itself {found.grain[n]:.2f} "
+        f"({found.low[n]:.2f} to {found.high[n]:.2f}; {against:.0f} nats): the setup's grain is doubted"
+        for n, (name, against) in enumerate(zip(names, found.against(grain), strict=True)) if against > DOUBTED
+    ]  # fmt: skip
 
 
 def _deconvolved(stack: "torch.Tensor", recipe: "HiddenObject", seed: Seed) -> "Multiframe":

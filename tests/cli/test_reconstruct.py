@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 from specklegen.cli import commands
-from specklegen.cli.reconstruct import _between, _named
+from specklegen.cli.reconstruct import _between, _doubted_grains, _named
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.measured import read_measurement
@@ -213,6 +213,24 @@ shape = [80, 80]
 [objects]
 shape = [9, 9]
 """
+
+
+def test_a_grain_that_the_photograph_contradicts_is_doubted():
+    """Frames of 2.2 pixels a grain: of a setup that says so nothing is said, of one that says 3.1 that it is wrong."""
+
+    def told(grain):
+        pixels = {"grain": grain, "object_pixel": 1.0, "shape": [256, 256]}
+        return load_recipe("ground-glass", {"pixels": pixels})
+
+    light = np.stack([told(2.2).sample(0, "test", n)["image"] for n in range(2)])
+    noisy = light / light.mean((1, 2), keepdims=True) + np.random.default_rng(0).normal(0, 0.01, light.shape)
+    images = torch.from_numpy(noisy)
+    assert _doubted_grains(images, ["a", "b"], told(2.2)) == []
+    doubts = _doubted_grains(images, ["a", "b"], told(3.1))
+    assert [doubt.split(":")[0] for doubt in doubts] == ["a", "b"]
+    assert all("says 3.1 pixels a grain, the photograph itself" in doubt for doubt in doubts)
+    assert _doubted_grains(images[:, :80, :80], ["a", "b"], told(3.1)) == []  # no room to tell
+    assert _doubted_grains(images, ["a", "b"], load_recipe("one-angular-size")) == []  # no thin medium
 
 
 def test_objects_through_one_medium_are_found_together(tmp_path):

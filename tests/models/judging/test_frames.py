@@ -137,6 +137,14 @@ def test_measured_frames_are_scored_beside_another_task(there, tmp_path):
     assert NAME not in missing_tasks(tmp_path / "answers.npz")
 
 
+def test_the_grain_that_was_measured_is_told(there):
+    """By the width of the window; object pixels stay pixels of the camera."""
+    known = next(task(NAME).batches(range(3), measured="somewhere"))["parameters"]
+    grain = known["wavelength"] / known["width"] / known["camera_pitch"]
+    np.testing.assert_allclose(grain, frames.GRAIN, rtol=1e-12)
+    np.testing.assert_allclose(known["object_pitch"], known["camera_pitch"], rtol=1e-12)
+
+
 def test_baselines_answer_to_frames(there):
     results = benchmark({}, baselines=["mean image", "packaged network"], tasks=[NAME], samples=2, measured="somewhere")
     assert not results.failures

@@ -6,6 +6,7 @@ import torch
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets.objects import Glyphs
+from specklegen.models import load_solver
 from specklegen.models.learning.feedback import Measured
 from specklegen.models.learning.networks.flow import Flow
 from specklegen.models.learning.posterior import (
@@ -19,7 +20,7 @@ from specklegen.models.learning.posterior import (
     weighed,
 )
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood
-from specklegen.models.likelihood.periodogram import Periodogram
+from specklegen.models.likelihood.periodogram import Periodogram, periodogram
 from specklegen.models.metrics import align, pearson
 
 FRAME, PAD = 36, (4, 4, 4, 4)
@@ -133,6 +134,39 @@ def test_draws_are_a_function_of_the_seed_whatever_their_companions(net):
     drawn_alone = (other.weights[..., None, None] * other.draws).sum(1)
     assert torch.allclose(other.mean, (1 - SOLVED) * drawn_alone + SOLVED * align(objects[:1], other.best), atol=1e-5)
     assert not torch.allclose(again.draws, other.draws, atol=2e-2)
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """What the solver takes of two characters that no training saw, 64 x 64 pixels, nothing between to be forgotten."""
+    rng = np.random.default_rng(4)
+    waves = np.zeros((2, 112, 112), complex)
+    waves[:, :37, :37] = rng.normal(size=(2, 37, 37, 2)).view(complex)[..., 0]  # three pixels a grain
+    light = np.fft.fft2(np.square(np.abs(np.fft.fft2(waves))))
+    images = np.fft.ifft2(light * np.fft.fft2(letters(2).numpy(), (112, 112))).real[:, None, 40:104, 40:104]
+    no_end = [lambda distance: np.ones_like(distance)] * 2
+    return periodogram(torch.from_numpy(images).float()), Optics(1.0, 3.0), no_end
+
+
+def test_draws_begin_at_images_that_are_given(seen):
+    """Of draws that begin at the objects the best is nearer to them than of draws that begin at one another's."""
+    objects, solver = letters(2), load_solver()
+    solved = solver.solve(*seen)
+
+    def nearest(first):
+        draws = solver.posterior(*seen, draws=4, solved=solved, first=first[:, None]).draws
+        truth = objects[:, None].expand_as(draws)
+        return pearson(align(draws, truth), truth).amax(1)
+
+    right, wrong = nearest(objects), nearest(objects.flip(0))
+    assert (right > wrong).all()
+    assert right.min() > 0.8
+
+
+@pytest.mark.parametrize("first", [torch.ones(2, 36, 36), torch.ones(1, 1, 36, 36), torch.zeros(2, 1, 36, 36), "mean"])
+def test_first_images_are_one_for_each_object_and_bright(seen, first):
+    with pytest.raises(RuleError, match="posterior first must be"):
+        load_solver().posterior(*seen, first=first)
 
 
 def test_a_file_of_something_else_is_refused(tmp_path):

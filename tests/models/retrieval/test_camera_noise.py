@@ -67,6 +67,46 @@ def test_of_a_window_with_an_edge_nothing_changes():
     assert torch.equal(camera_noise(images, GRAIN), camera_noise(images, GRAIN, profile="square"))
 
 
+def round_speckle(count, grain, side=96, seed=0):
+    """Intensities float64[count, side, side] of mean 1 behind a disc, of a longer period than the camera."""
+    period = 2 * side
+    rng = np.random.default_rng(seed)
+    f = np.fft.fftfreq(period) * grain
+    field = rng.standard_normal((count, period, period, 2)).view(np.complex128)[..., 0]
+    light = np.square(np.abs(np.fft.fft2(field * (np.hypot(f[:, None], f) <= 0.5))))[:, :side, :side]
+    return light / light.mean((1, 2), keepdims=True)
+
+
+@pytest.mark.parametrize(("grain", "more"), [(1.7, 1.15), (2.0, 1.05), (2.3, 1.05), (3.0, 1.05)])
+def test_noise_behind_a_disc_is_found_in_the_corners(grain, more):
+    """Variance 1 / photons; a square of those grains would fill all frequencies, or nearly so, and leave none to read.
+
+    False alarms as of every z-score of these tests. More noise by 5 % would be found out; of 1.7 pixels a grain,
+    whose corners are small, by 15 %.
+    """
+    photons, light = 20.0, round_speckle(150, grain)
+    images = torch.from_numpy(np.random.default_rng(8).poisson(photons * light) / photons)
+    scale = photons * images.mean((1, 2)).numpy()
+    found = camera_noise(images, grain, profile="disc").numpy() * scale
+    assert_mean(found, 1.0, slack=1e-3)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(more * found, 1.0, slack=1e-3)
+    if grain < 2.16:
+        with pytest.raises(RuleError, match=r"camera_noise grain must be above 2\.16"):
+            camera_noise(images, grain)
+
+
+def test_light_alone_behind_a_disc_has_none():
+    """What leaks through the Hann window is less than 1e-4 of the speckle's variance, 1, at small grains too."""
+    assert camera_noise(torch.from_numpy(round_speckle(20, 1.7)), 1.7, profile="disc").max() < 1e-4
+    assert camera_noise(torch.from_numpy(round_speckle(20, 1.7)), 2.0, profile="disc").min() > 1e-4  # a wrong grain
+
+
+def test_the_corners_of_a_disc_have_an_end():
+    with pytest.raises(RuleError, match=r"camera_noise grain must be above 1\.53"):
+        camera_noise(torch.ones(1, 320, 320), 1.5, profile="disc")
+
+
 @pytest.mark.parametrize("gain", [1.0, 0.25])
 def test_photons_background_and_readout_are_found(gain):
     """In any unit: variance (photons + background + read^2) / (photons + background)^2, to first order in the mean."""
