@@ -153,6 +153,11 @@ class Imaging:
         """Memory of one medium's :meth:`spectra`."""
         return pair_bytes(self.lags, self.rank, self.object_rows.element_size())
 
+    @property
+    def field_bytes(self) -> int:
+        """Memory of one frame of one medium's :meth:`fields`, of one polarisation."""
+        return self.draws * self.rank * self.envelope[0].numel() * self.object_rows.element_size()
+
     def fields(
         self, keys: torch.Tensor, still: torch.Tensor, sample: int = 0, shares: torch.Tensor | None = None
     ) -> torch.Tensor:
