@@ -9,16 +9,14 @@ from specklegen.kernels import kernel
 def fill_turned(field, down, across, out):
     """Fill the first rows and columns of ``out`` complex[n, m] with a field times e^(ik i . s) of a beam i.
 
-    field  : float[y, x, 2]
-        Real and imaginary parts.
+    field : complex[y, x]
     down, across : complex[y], complex[x]
         Factors of the wave along either axis.
     """
     for y in range(len(down)):
+        row, own, wave = field[y], out[y], down[y]
         for x in range(len(across)):
-            wave = down[y] * across[x]
-            real, imaginary = field[y, x, 0], field[y, x, 1]
-            out[y, x] = complex(real * wave.real - imaginary * wave.imag, real * wave.imag + imaginary * wave.real)
+            own[x] = row[x] * (wave * across[x])
 
 
 @kernel

@@ -363,18 +363,20 @@ class Imaging:
         down, across = self.object_rows[0, :rows].mT.numpy(), self.object_columns[0, :, :columns].numpy()
         at_once = min(_CHUNK, max(1, _MOST_VALUES // (self.lags[0] * self.lags[1])))
         turned = torch.zeros(self.lags, dtype=self.object_rows.dtype)  # of one point, which stays in the caches
+        held, powers = turned.numpy(), bright.numpy()
         totals = []
         for frame in torch.view_as_real(drawn[0, :, :, :, :rows, :columns].contiguous()).flatten(3):
             for modes in self.modes[0]:
                 total = torch.zeros(self.lags, dtype=self.modes.dtype)
+                power = total.numpy()
                 for chunk in lit.split(at_once) if len(lit) else ():
                     for flat in frame:
-                        points = (modes[:, chunk].T @ flat).view(len(chunk), rows, columns, 2).numpy()
-                        for point, field in zip(chunk.tolist(), points, strict=True):
+                        points = (modes[:, chunk].T @ flat).view(len(chunk), rows, columns, 2)
+                        for point, field in zip(chunk.tolist(), torch.view_as_complex(points).numpy(), strict=True):
                             row, column = divmod(point, self.shape[1])
-                            fill_turned(field, down[row], across[column], turned.numpy())
+                            fill_turned(field, down[row], across[column], held)
                             views = torch.fft.ifft2(turned, norm="forward")
-                            add_power(bright[point].numpy()[()], views.numpy(), total.numpy())
+                            add_power(powers[point], views.numpy(), power)
                 totals.append(torch.fft.rfft2(total, norm="forward"))
         return optics.seen(torch.view_as_real(torch.stack(totals)[None]), self.transforms)
 
