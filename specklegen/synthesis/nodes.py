@@ -11,8 +11,8 @@ lie close to each other. So a few pixels n, the nodes, tell all others, whatever
 
 and the image takes a transform of every node and its map O w_n, not of every pair of modes or every bright pixel. Nodes
 and weights come from pivoted Cholesky of <p_j p_l> = K_jl^2 + 1 over the bright pixels: the node that is chosen next is
-the pixel of which those before tell least. They are enough when of no p_j more than :data:`LEFT` is left, in the mean of
-its square over media, that of p_j being 2: what is left out is rounding, in single precision.
+the pixel of which those before tell least. They are enough when no p_j lacks more than :data:`LEFT`, in the mean of its
+square over media, that of p_j being 2: what is left out is rounding, in single precision.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Nodes(NamedTuple):
 
 
 def nodes_of(modes: torch.Tensor, lit: torch.Tensor, most: int) -> Nodes | None:
-    """Nodes of the bright pixels int64[n] of an object with modes real[R, h * w]; None where they are more than most."""
+    """Nodes of the bright pixels int64[n] of an object of modes real[R, h * w]; None where they are more than most."""
     nodes, factor = np.empty(most, np.int64), np.empty((most, len(lit)))
     count = fill_nodes(modes[:, lit].double().contiguous().numpy(), LEFT, nodes, factor)
     if count > most:
