@@ -277,15 +277,17 @@ class Imaging:
 
         In double precision there are none: what they leave out would be seen.
         """
-        lit = torch.nonzero(light.reshape(-1)).reshape(-1)
-        tilts = self.modes.shape[1]
+        count, tilts = int((light != 0).sum()), self.modes.shape[1]
         views = frames * draws * self.rank * self.lags[0] * self.lags[1] * self.object_rows.element_size()
-        if self.modes.dtype != torch.float32 or self.shape == (1, 1) or not len(lit) or views > _MOST_BYTES:
+        if self.modes.dtype != torch.float32 or self.shape == (1, 1) or not count or views > _MOST_BYTES:
             return None
-        least = min(image_operations(self.lags, self.rank, tilts, len(lit), draws))
+        least = min(image_operations(self.lags, self.rank, tilts, count, draws))
+        most = most_nodes(self.lags, self.rank, tilts, count, draws, least)
+        if most < min(count, self.rank):  # there are no fewer, as a rule
+            return None
+        lit = torch.nonzero(light.reshape(-1)).reshape(-1)
         found: list[Nodes] = []
         for modes in self.modes[0]:
-            most = most_nodes(self.lags, self.rank, tilts, len(lit), draws, least)
             own = nodes_of(modes, lit, most)
             if own is None:
                 return None
