@@ -12,7 +12,7 @@ which slabs the atlas has, whether the first polynomials are enough, and the ran
 
 import math
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import index
@@ -47,7 +47,10 @@ AT_ONCE, AT_ONCE_BYTES = 1024, 2**28
 KEPT = 64
 """Media kept in a process on the CPU, ..."""
 _KEPT_BYTES, _FIRST_BYTES = 2**22, 2**29
-"""... with their spectra, where those of one take at most the former, or those of all up to its number the latter."""
+"""... with their spectra, where those of one take at most the former, or those of all up to its number the latter,
+else with their fields, where those do."""
+_SLOW_BYTES = 2**24
+"""Spectra of more than these bytes are not kept on the CPU: an image takes less from fields."""
 _MOST_BYTES = 2**31  # of spectra on a device
 
 
@@ -109,7 +112,8 @@ class SpeckleGenerator:
         self.recipe.rendering  # noqa: B018 - a strict recipe is refused here, whatever is kept of others
         self._lock = Lock()
         self._media: OrderedDict[int, tuple[ReadyMedia, int]] = OrderedDict()
-        self._spectra: OrderedDict[int, Any] = OrderedDict()
+        self._spectra: dict[int, Any] = {}
+        self._fields: dict[int, Any] = {}
         self._shared: Any = None
 
     def __call__(self, indices: Sequence[int] | torch.Tensor) -> dict[str, Any]:
@@ -146,7 +150,7 @@ class SpeckleGenerator:
     def held(self) -> list[Any]:
         """All that is kept for samples to come: media, their spectra, what media share."""
         with self._lock:
-            return [*self._media.values(), *self._spectra.values(), self._shared]
+            return [*self._media.values(), *self._spectra.values(), *self._fields.values(), self._shared]
 
     def media(self, numbers: Sequence[int]) -> ReadyMedia:
         """Draw media and make them ready, all at once."""
@@ -221,6 +225,7 @@ class SpeckleGenerator:
             while len(self._media) > most:
                 dropped, _ = self._media.popitem(last=False)
                 self._spectra.pop(dropped, None)
+                self._fields.pop(dropped, None)
         return [ready[number] for number in numbers]
 
     def _batch(self, numbers: list[int]) -> dict[str, Any]:
@@ -287,6 +292,9 @@ class SpeckleGenerator:
             seen = self.run(("kept", *some.statics), partial(_seen_through, some, self.one_by_one), inputs)
             return self.recipe.exposed(seen)
         streams = made.streams.at(places)
+        if self._keeps_fields(media[0], imaging, streams):
+            fields = self._of_medium(self._fields, media[0], lambda: some.media(streams).drawn)
+            return self.recipe.exposed(ImagedMedia(some, fields).images(lit.light))
         inputs = {"keys": streams.keys, "still": streams.still, "light": lit.light} | own
         if streams.shares is not None:
             inputs["shares"] = streams.shares
@@ -298,22 +306,33 @@ class SpeckleGenerator:
         """Whether spectra are kept: of the recipe and the medium alone, since the last bits of samples depend on it."""
         each = imaging.spectra_bytes * self.recipe.frames
         if self.device.type == "cpu":
-            few = each <= _KEPT_BYTES or each * (medium + 1) <= _FIRST_BYTES
+            few = imaging.spectra_bytes <= _SLOW_BYTES and _few(each, medium)
         else:
             few = each <= _MOST_BYTES // max(KEPT, self.recipe.media or KEPT)
         return self.recipe.shares_media and few
 
+    def _keeps_fields(self, medium: int, imaging: Imaging, streams: Streams) -> bool:
+        """Whether fields are kept, where spectra are not: on the CPU."""
+        each = imaging.field_bytes * streams.keys[0].numel() // 2
+        return self.recipe.shares_media and self.device.type == "cpu" and _few(each, medium)
+
     def _spectra_of(self, medium: int, imaging: Imaging, made: ReadyMedia, place: int) -> torch.Tensor:
         """Spectra of one medium, complex64[1, F, pairs, n, m], kept for all objects behind it."""
+        some = imaging.at(slice(made.at[place][1], made.at[place][1] + 1))
+        return self._of_medium(self._spectra, medium, lambda: some.media(made.streams.at([place])).shared().spectra)
+
+    def _of_medium(
+        self, held: dict[int, Any], medium: int, make: Callable[[], torch.Tensor | None]
+    ) -> torch.Tensor:
+        """What is held of a medium for all objects behind it, made where there is nothing yet."""
         with self._lock:
-            spectra = self._spectra.get(medium)
-        if spectra is None:
-            some = imaging.at(slice(made.at[place][1], made.at[place][1] + 1))
-            spectra = some.media(made.streams.at([place])).shared().spectra
+            own = held.get(medium)
+        if own is None:
+            own = make()
             with self._lock:
-                if medium in self._media:  # else nobody would drop them
-                    self._spectra[medium] = spectra
-        return cast(torch.Tensor, spectra)
+                if medium in self._media:  # else nobody would drop it
+                    held[medium] = own
+        return cast(torch.Tensor, own)
 
     def _chunk(self, imaging: Any, streams: Streams) -> int:
         """Samples rendered at once, the same for every batch: companions do not matter. On the CPU one."""
@@ -340,6 +359,11 @@ class SpeckleGenerator:
                 at = self.drawn.put(some)
                 contrasts[at] = imaging.contrast(lit.light[at], within)
         return contrasts
+
+
+def _few(each: int, medium: int) -> bool:
+    """Whether ``each`` bytes of a medium are kept on the CPU."""
+    return each <= _KEPT_BYTES or each * (medium + 1) <= _FIRST_BYTES
 
 
 def _grouped(ready: list[tuple[ReadyMedia, int]]) -> Iterator[tuple[list[int], ReadyMedia, Any]]:

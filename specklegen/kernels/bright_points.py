@@ -1,4 +1,6 @@
-"""Bright points of an object one by one: fields turned to the beam of each, and the power of what is seen of them."""
+"""Bright points of an object: fields turned to the beam of each, the power of what is seen of them, and nodes."""
+
+import numpy as np
 
 from specklegen.kernels import kernel
 
@@ -7,16 +9,14 @@ from specklegen.kernels import kernel
 def fill_turned(field, down, across, out):
     """Fill the first rows and columns of ``out`` complex[n, m] with a field times e^(ik i . s) of a beam i.
 
-    field  : float[y, x, 2]
-        Real and imaginary parts.
+    field : complex[y, x]
     down, across : complex[y], complex[x]
         Factors of the wave along either axis.
     """
     for y in range(len(down)):
+        row, own, wave = field[y], out[y], down[y]
         for x in range(len(across)):
-            wave = down[y] * across[x]
-            real, imaginary = field[y, x, 0], field[y, x, 1]
-            out[y, x] = complex(real * wave.real - imaginary * wave.imag, real * wave.imag + imaginary * wave.real)
+            own[x] = row[x] * (wave * across[x])
 
 
 @kernel
@@ -26,3 +26,69 @@ def add_power(brightness, views, total):
         for x in range(total.shape[1]):
             view = views[y, x]
             total[y, x] += brightness * (view.real * view.real + view.imag * view.imag)
+
+
+@kernel
+def fill_powers(fields, out):
+    """Fill ``out`` float[k, n] with |u|^2, added up over draws, of fields complex[draws, k, n]."""
+    draws, count, points = fields.shape
+    for node in range(count):
+        row = out[node]
+        for draw in range(draws):
+            own = fields[draw, node]
+            if draw == 0:
+                for n in range(points):
+                    row[n] = own[n].real * own[n].real + own[n].imag * own[n].imag
+            else:
+                for n in range(points):
+                    row[n] += own[n].real * own[n].real + own[n].imag * own[n].imag
+
+
+@kernel
+def fill_nodes(modes, tolerance, nodes, factor):
+    """Choose nodes by pivoted Cholesky of (sum_r phi_r phi_r)^2 + 1: how many; one more than fit where they do not.
+
+    modes  : float64[R, n]
+    tolerance : float
+        What may be left of the diagonal.
+    nodes  : int64[most]
+        Filled with their numbers.
+    factor : float64[most, n]
+        Filled with the rows of the factor F; F^T F is the matrix but for what is left.
+    """
+    rank, count = modes.shape
+    left = np.zeros(count)
+    for r in range(rank):
+        for j in range(count):
+            left[j] += modes[r, j] * modes[r, j]
+    for j in range(count):
+        left[j] = left[j] * left[j] + 1.0
+    for found in range(len(nodes) + 1):
+        best = 0
+        for j in range(count):
+            if left[j] > left[best]:
+                best = j
+        if left[best] <= tolerance or found == len(nodes):
+            return found if left[best] <= tolerance else found + 1
+        nodes[found] = best
+        row = factor[found]
+        row[:] = 0.0
+        for r in range(rank):
+            own = modes[r, best]
+            for j in range(count):
+                row[j] += own * modes[r, j]
+        for j in range(count):
+            row[j] = row[j] * row[j] + 1.0
+        for p in range(found):
+            before = factor[p]
+            own = before[best]
+            for j in range(count):
+                row[j] -= own * before[j]
+        scale = 1.0 / np.sqrt(left[best])
+        for j in range(count):
+            row[j] *= scale
+            left[j] -= row[j] * row[j]
+        left[best] = 0.0
+        for p in range(found):
+            row[nodes[p]] = 0.0
+    return len(nodes) + 1

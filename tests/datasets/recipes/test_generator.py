@@ -10,6 +10,7 @@ from torch.utils._pytree import tree_flatten
 from zscore import assert_mean
 
 import specklegen.datasets.recipes.specification as specification
+from specklegen.core.memory import array_bytes
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.addresses import Addresses
 from specklegen.datasets.loading import stream as stream_module
@@ -297,6 +298,23 @@ def test_media_are_kept_between_calls_up_to_a_number_and_a_size(monkeypatch):
     found = none(range(5))["image"]  # sums over bright pixels, where that is cheaper: other rounding
     np.testing.assert_allclose(found, whole["image"][:5], rtol=0, atol=1e-5 * float(whole["image"].max()))
     assert not none._spectra
+
+
+def test_fields_are_kept_where_spectra_are_not(monkeypatch):
+    """Of wide objects: a medium's noise is drawn once, and its images have the bits of noise that is drawn anew."""
+    recipe, plain, drawn = recipe_of("beyond-memory-effect", media=4), Imaging.fields, []
+    monkeypatch.setattr(Imaging, "fields", lambda own, *more, **named: drawn.append(own) or plain(own, *more, **named))
+    kept = SpeckleGenerator(recipe, 0)
+    found = [kept(range(4)), kept(range(4, 8))]
+    assert sorted([*kept._spectra, *kept._fields]) == [0, 1, 2, 3]
+    assert kept._fields, "one of the objects is wide"
+    assert len(drawn) == 4
+    assert array_bytes(kept.held()) > sum(fields.nbytes for fields in kept._fields.values())
+    monkeypatch.setattr(SpeckleGenerator, "_keeps_fields", lambda *_: False)
+    anew = SpeckleGenerator(recipe, 0)
+    for numbers, before in zip((range(4), range(4, 8)), found, strict=True):
+        equal(anew(numbers), before)
+    assert len(drawn) == 4 + len(kept._spectra) + 2 * len(kept._fields)
 
 
 @pytest.mark.parametrize("profile", ["square", "gaussian"])
