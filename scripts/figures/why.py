@@ -283,11 +283,11 @@ def draw(out: Path, beads: list[dict[str, tuple[float, ...]]], tilts: Bars, expo
     axes[0].set_xscale("log")
     axes[0].set_xlabel("width of the object, memory-effect ranges")
     axes[0].set_ylabel("diameter of beads told rightly")
-    axes[0].legend(fontsize=8, loc=(0.03, 0.13))
+    axes[0].legend(fontsize=7, loc=(0.02, 0.1))
     draw_bars(axes[1], tilts, SOURCES, TOLD)
-    axes[1].set_ylabel("mean error of log10, six tilts of an unknown slab")
+    axes[1].set_ylabel("error of log10, by six tilts")
     draw_bars(axes[2], exposures, MOVING, TIMES)
-    axes[2].set_ylabel("mean error of log10, four exposures of an unknown slab")
+    axes[2].set_ylabel("error of log10, by four exposures")
     save(figure, out / "why.png")
 
 
