@@ -65,8 +65,8 @@ def train(
     network: Annotated[
         str,
         typer.Option(
-            help="Kind of network: contrast, dense, perceptron, residual, stack-unet or unet; or one of your own, as "
-            "my_module:Name, whose module is run."
+            help="Kind of network: contrast, dense, lags, perceptron, residual, stack-unet or unet; or one of your "
+            "own, as my_module:Name, whose module is run."
         ),
     ] = "unet",
     width: Annotated[
