@@ -30,10 +30,12 @@ from torch import Tensor
 
 from specklegen.datasets import Recipe, load_recipe
 from specklegen.datasets.loading.stream import tensors
+from specklegen.datasets.objects import Points
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.models import Training, load_solver, train
 from specklegen.models.judging import waves
-from specklegen.models.judging.baselines import on_even_light
+from specklegen.models.judging.baselines import any_object, on_even_light
+from specklegen.models.judging.points import brightest, light_found, share_found
 from specklegen.models.learning.examples import Examples, batches_of, sharing_media
 from specklegen.models.learning.inputs import network_input
 from specklegen.models.learning.law import ByLaw
@@ -57,6 +59,10 @@ EPOCHS = 8
 SLABS = 256
 """Of the training split, among which a known object's slab is sought."""
 RANGE = "memory_effect_range"
+FAINTEST = 0.3
+"""Brightness of the faintest points, where points are hidden."""
+FITTED = 60
+"""Steps in which their brightness is fitted."""
 
 
 def stored(source: Recipe, samples: range, seed: int, split: str, targets: list[str]) -> dict[str, Examples]:
@@ -71,14 +77,31 @@ def _parts(batch: Mapping[str, Any], targets: list[str]) -> tuple[Tensor, Tensor
     return network_input(batch, "periodogram").half(), batch["parameters"]["medium"].long(), values
 
 
-def told(model: Reconstructor, judged: Examples, target: str) -> np.ndarray:
-    """Per image whether it is named rightly, or the correlation, float64[n]; of numbers (answer, truth) [n, K, 2]."""
+def told(model: Reconstructor, judged: Examples, target: str, points: bool) -> dict[str, np.ndarray]:
+    """Per image whether it is named rightly, or scores of an object, float64[n]; of numbers (answer, truth) [n, 2]."""
     made = answers(model, judged.inputs, target)
-    if target == "label":
-        return (made.argmax(-1) == judged.targets.argmax(-1)).double()[:, 0].numpy()
     if target == "object":
-        return pearson(align(made, judged.targets), judged.targets).double().numpy()
-    return torch.stack([made[:, 0], judged.targets[:, 0]], -1).double().numpy()
+        return likeness(made, judged.targets, points)
+    if target == "label":
+        return {target: (made.argmax(-1) == judged.targets.argmax(-1)).double()[:, 0].numpy()}
+    return of_numbers(made[:, 0], judged.targets[:, 0], target)
+
+
+def of_numbers(made: Tensor, truth: Tensor, target: str) -> dict[str, np.ndarray]:
+    """(answer, truth) float64[n, 2] of each number of a medium."""
+    pairs = torch.stack([made, truth], -1).double().numpy()
+    return {name: pairs[:, n] for n, name in enumerate(TARGETS[target].numbers)}
+
+
+def likeness(made: Tensor, objects: Tensor, points: bool) -> dict[str, np.ndarray]:
+    """Correlation of images float[n, h, w] with objects, and of points which are found, and what light is theirs."""
+    moved = align(made, objects)
+    found = {"correlation": pearson(moved, objects).double().numpy()}
+    if points:
+        pairs = [(image.numpy(), each.numpy()) for image, each in zip(moved, objects, strict=True)]
+        found["points within 1.5 pixels"] = np.array([share_found(*pair) for pair in pairs])
+        found["light at its place"] = np.array([light_found(*pair) for pair in pairs])
+    return found
 
 
 def answers(model: Reconstructor, inputs: Tensor, target: str) -> Tensor:
@@ -118,6 +141,8 @@ def main() -> None:
     given = options.parse_args()
     torch.set_num_threads(1)
     recipe = load_recipe(given.recipe)
+    if isinstance(recipe, HiddenObject) and isinstance(recipe.objects, Points):
+        recipe = load_recipe(given.recipe, {"objects": {"faintest": FAINTEST}})
     if not isinstance(recipe, HiddenObject):
         raise TypeError("a recipe with hidden objects")
     table = Table(recipe, given.targets, given.images)
@@ -133,32 +158,29 @@ class Table:
     """Test images, and what each way said of them."""
 
     def __init__(self, recipe: HiddenObject, targets: list[str], images: int) -> None:
-        self.recipe, self.targets = recipe, targets
+        self.recipe, self.targets, self.points = recipe, targets, isinstance(recipe.objects, Points)
         self.batches = [*batches_of(recipe, images, 100, "test")]
         parts = [_parts(batch, targets) for batch in self.batches]
         inputs, media = (torch.cat([part[n] for part in parts]) for n in (0, 1))
         self.judged = {t: Examples(inputs, torch.cat([part[2][t] for part in parts]), media) for t in targets}
         self.checked = stored(recipe, range(2 * BATCH), 101, "validation", targets)
-        drawn = self.batches[0]["parameters"]
-        self.classes = (torch.cat([batch["parameters"]["label"] for batch in self.batches]).numpy()
-                        if "label" in drawn else np.arange(images))  # fmt: skip
+        labels = torch.cat([batch["parameters"]["label"] for batch in self.batches]).numpy()
+        self.classes = labels if (labels >= 0).all() else np.arange(images)
         self.law = ByLaw(sharing_media(recipe))  # type: ignore[arg-type]
         self.values: dict[tuple[str, str, str], list[np.ndarray]] = {}
 
-    def add(self, target: str, way: str, values: np.ndarray) -> None:
-        """Scores [n] or pairs [n, K, 2] of a seed."""
-        names = [*TARGETS[target].numbers] if target in TARGETS else [RANGE]
-        for n, name in enumerate(names or [target]):
-            one = values[:, n] if values.ndim > 1 else values
-            self.values.setdefault((target, name, way), []).append(one)
-            print(f"| {target}, {name} | {way}, seed {len(self.values[target, name, way]) - 1} "
-                  f"| {statistic(one):.3f} |", flush=True)  # fmt: skip
+    def add(self, target: str, way: str, scores: Mapping[str, np.ndarray]) -> None:
+        """Scores [n], or (answer, truth) [n, 2], of a seed."""
+        for name, values in scores.items():
+            kept = self.values.setdefault((target, name, way), [])
+            kept.append(values)
+            print(f"| {target}: {name} | {way}, seed {len(kept) - 1} | {statistic(values):.3f} |", flush=True)
 
     def show(self) -> None:
         """Print every row with its interval."""
         for (target, name, way), values in self.values.items():
             classes = np.arange(waves.SAMPLES) // 2 if target == "range of waves" else self.classes
-            told_of = interval(np.stack(values), classes)
+            told_of = interval(np.stack(values), classes[: len(values[0])])
             print(f"| {self.recipe.name}, {target}: {name} | {way} | {told_of} |", flush=True)
 
 
@@ -186,10 +208,9 @@ def train_all(table: Table, seconds: float, seed: int) -> None:
         for way, data in ways.items():
             with tempfile.TemporaryDirectory() as folder:
                 model = train(settings, (Again(data, steps, seed), steps), table.checked[target], folder)
-            table.add(target, way, told(model, table.judged[target], target))
+            table.add(target, way, told(model, table.judged[target], target, table.points))
             if target in ("range", "material"):
-                for light, values in of_waves(model, table, target).items():
-                    table.add("range of waves", f"{target}, {way}, {light}", values)
+                table.add("range of waves", f"{target}, {way}", of_waves(model, table, target))
 
 
 def of_waves(model: Reconstructor, table: Table, target: str) -> dict[str, np.ndarray]:
@@ -204,14 +225,14 @@ def of_waves(model: Reconstructor, table: Table, target: str) -> dict[str, np.nd
         return answers(model, network_input(seen, "periodogram"), target)[:, 0, [*names].index(RANGE)]
 
     found = {"as they are": asked(batch), "over their envelope": on_even_light(asked)(batch)}
-    return {way: torch.stack([made, truth], -1)[:, None].double().numpy() for way, made in found.items()}
+    return {way: torch.stack([made, truth], -1).double().numpy() for way, made in found.items()}
 
 
-def untrained(table: Table) -> dict[str, dict[str, np.ndarray]]:
-    """What is said of numbers without training: by chance, by the likelihood, by the packaged solver; by target."""
+def untrained(table: Table) -> dict[str, dict[str, dict[str, np.ndarray]]]:
+    """What is said without training: by chance, by the likelihood, by the packaged solver; by target and way."""
     asked = {target: TARGETS[target].numbers for target in table.targets if TARGETS[target].numbers}
     if not asked:
-        return {}
+        return {"object": of_objects(table)} if "object" in table.targets else {}
     slabs = [table.recipe.material_of(0, "train", number) for number in range(SLABS)]
     drawn = table.batches[0]["parameters"]
     wavelength, pitch = (float(drawn[name][0]) for name in ("wavelength", "object_pitch"))
@@ -219,15 +240,46 @@ def untrained(table: Table) -> dict[str, dict[str, np.ndarray]]:
     columns = {name: torch.tensor([each[name] for each in told_of], dtype=torch.float64) for name in told_of[0]}
     memory = [memory_effect_between(slab.correlation, wavelength, pitch, table.recipe.objects.shape) for slab in slabs]
     weights = known(table, torch.stack(memory).float())
-    found: dict[str, dict[str, np.ndarray]] = {}
+    found: dict[str, dict[str, dict[str, np.ndarray]]] = {}
     for target, names in asked.items():
         prior = numbers_of({"parameters": columns}, names)[:, 0].double()
         truth = table.judged[target].targets[:, 0].double()
         ways = {"chance": prior.mean(0).expand_as(truth), "object known": weights @ prior}
         if target == "range":
             ways["fit_range"] = torch.from_numpy(fitted(table, columns[RANGE].numpy()))[:, None]
-        found[target] = {way: torch.stack([made, truth], -1).numpy() for way, made in ways.items()}
+        found[target] = {way: of_numbers(made, truth, target) for way, made in ways.items()}
     return found
+
+
+def of_objects(table: Table) -> dict[str, dict[str, np.ndarray]]:
+    """Another object; the packaged solver on the first images; its points with the most likely brightness."""
+    first = table.batches[0]
+    objects, shown = first["object"].float(), any_object(load_solver(), table.recipe)(first).float()
+    ways = {name: likeness(images, objects, table.points)
+            for name, images in (("chance", objects.roll(1, 0)), ("solver", shown))}  # fmt: skip
+    if table.points:
+        ways["solver, brightness fitted"] = likeness(weighed(table, first, shown), objects, True)
+    return ways
+
+
+def weighed(table: Table, batch: Mapping[str, Any], images: Tensor) -> Tensor:
+    """The brightest points of images with the brightness that the likelihood prefers, C_I known; float[n, h, w]."""
+    seen, optics, memory = measured(batch, table.recipe)
+    side = images.shape[-1]
+    law = SpeckleLikelihood(seen, (side, side), optics)
+    away = np.arange(1 - side, side)
+    between = torch.stack([torch.from_numpy(c_i(np.hypot(away[:, None], away))).float() for c_i in memory])
+    count = int((batch["object"][0] > 0).sum())
+    lit = torch.zeros_like(images)
+    for n, image in enumerate(images):
+        lit[n][tuple(brightest(image.numpy(), count).T)] = 1.0
+    logs = torch.zeros_like(images, requires_grad=True)
+    adam = torch.optim.Adam([logs], 0.1)
+    for _ in range(FITTED):
+        adam.zero_grad()
+        (-law.log_likelihood(lit * logs.exp(), between)).sum().backward()
+        adam.step()
+    return (lit * logs.exp()).detach()
 
 
 def known(table: Table, memory: Tensor) -> Tensor:
