@@ -35,6 +35,7 @@ from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.models import Training, load_solver, train
 from specklegen.models.judging import waves
 from specklegen.models.judging.baselines import any_object, on_even_light
+from specklegen.models.judging.evaluation import aligned_to, on_frame
 from specklegen.models.judging.points import brightest, light_found, share_found
 from specklegen.models.learning.examples import Examples, batches_of, sharing_media
 from specklegen.models.learning.inputs import network_input
@@ -44,7 +45,7 @@ from specklegen.models.learning.range_fit import fit_range, range_of
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.targets import TARGETS, numbers_of
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood, memory_effect_between
-from specklegen.models.metrics import align, pearson
+from specklegen.models.metrics import pearson
 
 BATCH = 64
 NETWORKS: dict[str, dict[str, Any]] = {
@@ -95,7 +96,7 @@ def of_numbers(made: Tensor, truth: Tensor, target: str) -> dict[str, np.ndarray
 
 def likeness(made: Tensor, objects: Tensor, points: bool) -> dict[str, np.ndarray]:
     """Correlation of images float[n, h, w] with objects, and of points which are found, and what light is theirs."""
-    moved = align(made, objects)
+    moved = aligned_to(made, on_frame(objects, dark=False), (objects.shape[-2], objects.shape[-1]))
     found = {"correlation": pearson(moved, objects).double().numpy()}
     if points:
         pairs = [(image.numpy(), each.numpy()) for image, each in zip(moved, objects, strict=True)]
@@ -193,6 +194,7 @@ def train_all(table: Table, seconds: float, seed: int) -> None:
     drawn = stored(law, many, seed, "train", table.targets)  # type: ignore[arg-type]
     for target in table.targets:
         kind = NETWORKS[target] | {"input": "periodogram", "batch_size": BATCH}
+        kind |= {"loss": "blurred-invariant"} if table.points and target == "object" else {}
         settings = Training(target=target, epochs=EPOCHS, seed=seed, **kind)
         step = step_of(settings, images[target], table.checked[target])
         steps = max(1, round(seconds / 2 / step / EPOCHS))
