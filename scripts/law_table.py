@@ -19,7 +19,7 @@ import argparse
 import os
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -44,6 +44,7 @@ from specklegen.models.learning.measurement import measured, memory_effect_of
 from specklegen.models.learning.range_fit import fit_range, range_of
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.targets import TARGETS, numbers_of
+from specklegen.models.likelihood.constellation import MOST
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood, memory_effect_between
 from specklegen.models.metrics import pearson
 
@@ -62,20 +63,25 @@ SLABS = 256
 RANGE = "memory_effect_range"
 FAINTEST = 0.3
 """Brightness of the faintest points, where points are hidden."""
-FITTED = 60
-"""Steps in which their brightness is fitted."""
+FITTED, FAINT = 60, 0.1
+"""Steps in which their brightness is fitted; share of the brightest maximum below which none is a point."""
 
 
 def stored(source: Recipe, samples: range, seed: int, split: str, targets: list[str]) -> dict[str, Examples]:
     """Rendered examples for every target."""
-    parts = [_parts(batch, targets) for batch in batches_of(source, samples, seed, split)]
-    inputs, media = (torch.cat([part[n] for part in parts]) for n in (0, 1))
-    return {name: Examples(inputs, torch.cat([part[2][name] for part in parts]), media) for name in targets}
+    return collected(batches_of(source, samples, seed, split), targets)
 
 
-def _parts(batch: Mapping[str, Any], targets: list[str]) -> tuple[Tensor, Tensor, dict[str, Tensor]]:
-    values = {target: TARGETS[target].values(batch) for target in targets}
-    return network_input(batch, "periodogram").half(), batch["parameters"]["medium"].long(), values
+def collected(batches: Iterable[Mapping[str, Any]], targets: list[str]) -> dict[str, Examples]:
+    """Examples of batches for every target, of which inputs are kept once."""
+    inputs, media, values = [], [], {target: [] for target in targets}
+    for batch in batches:
+        inputs.append(network_input(batch, "periodogram").half())
+        media.append(batch["parameters"]["medium"].long())
+        for target in targets:
+            values[target].append(TARGETS[target].values(batch))
+    seen, which = torch.cat(inputs), torch.cat(media)
+    return {target: Examples(seen, torch.cat(each), which) for target, each in values.items()}
 
 
 def told(model: Reconstructor, judged: Examples, target: str, points: bool) -> dict[str, np.ndarray]:
@@ -161,9 +167,7 @@ class Table:
     def __init__(self, recipe: HiddenObject, targets: list[str], images: int) -> None:
         self.recipe, self.targets, self.points = recipe, targets, isinstance(recipe.objects, Points)
         self.batches = [*batches_of(recipe, images, 100, "test")]
-        parts = [_parts(batch, targets) for batch in self.batches]
-        inputs, media = (torch.cat([part[n] for part in parts]) for n in (0, 1))
-        self.judged = {t: Examples(inputs, torch.cat([part[2][t] for part in parts]), media) for t in targets}
+        self.judged = collected(self.batches, targets)
         self.checked = stored(recipe, range(2 * BATCH), 101, "validation", targets)
         labels = torch.cat([batch["parameters"]["label"] for batch in self.batches]).numpy()
         self.classes = labels if (labels >= 0).all() else np.arange(images)
@@ -265,16 +269,16 @@ def of_objects(table: Table) -> dict[str, dict[str, np.ndarray]]:
 
 
 def weighed(table: Table, batch: Mapping[str, Any], images: Tensor) -> Tensor:
-    """The brightest points of images with the brightness that the likelihood prefers, C_I known; float[n, h, w]."""
+    """Maxima of images with the brightness that the likelihood prefers, C_I known; float[n, h, w]."""
     seen, optics, memory = measured(batch, table.recipe)
     side = images.shape[-1]
     law = SpeckleLikelihood(seen, (side, side), optics)
     away = np.arange(1 - side, side)
     between = torch.stack([torch.from_numpy(c_i(np.hypot(away[:, None], away))).float() for c_i in memory])
-    count = int((batch["object"][0] > 0).sum())
     lit = torch.zeros_like(images)
-    for n, image in enumerate(images):
-        lit[n][tuple(brightest(image.numpy(), count).T)] = 1.0
+    for n, image in enumerate(images.numpy()):
+        places = brightest(np.where(image > FAINT * image.max(), image, 0.0), MOST)
+        lit[n][tuple(places.T)] = 1.0
     logs = torch.zeros_like(images, requires_grad=True)
     adam = torch.optim.Adam([logs], 0.1)
     for _ in range(FITTED):
@@ -300,11 +304,14 @@ def fitted(table: Table, ranges: np.ndarray) -> np.ndarray:
     correlation = table.recipe.material_of(1, "train", 0).correlation
     for batch in table.batches:
         seen, optics, _ = measured(batch, table.recipe)
-        pitch = float(batch["parameters"]["object_pitch"][0])
-        shape = memory_effect_of(correlation, float(batch["parameters"]["wavelength"][0]), pitch)
-        for n, (step, grain) in enumerate(zip(optics.step, optics.grain, strict=True)):
+        pitch, wavelength, camera, width = (
+            float(batch["parameters"][name][0]) for name in ("object_pitch", "wavelength", "camera_pitch", "width")
+        )
+        shape = memory_effect_of(correlation, wavelength, pitch)
+        own = Optics(pitch / camera, wavelength / width / camera, optics.profile)
+        for n in range(len(seen.power)):
             one = seen._replace(power=seen.power[n : n + 1], noise=seen.noise[n : n + 1])
-            tried = fit_range(solver, one, Optics(float(step), float(grain), optics.profile), [shape]).tried
+            tried = fit_range(solver, one, own, [shape]).tried
             at = np.log10(np.array([*tried]) * range_of(shape) * pitch)
             edges = np.concatenate([[-np.inf], (at[1:] + at[:-1]) / 2, [np.inf]])
             weight = np.exp([*tried.values()]) * np.histogram(np.log10(ranges), edges)[0]

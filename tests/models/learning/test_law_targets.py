@@ -12,6 +12,7 @@ import torch
 
 from specklegen.datasets import load_recipe
 from specklegen.datasets.loading.stream import tensors
+from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.models.learning.inputs import band
 from specklegen.models.learning.law import ByLaw
 from specklegen.models.learning.networks import build
@@ -26,6 +27,7 @@ SMALL = {"camera": {"shape": [CAMERA, CAMERA]}, "objects": {"shape": [SIDE, SIDE
 def rendered(name, changes, count):
     """Periodograms float64[n, F, G] of rendered images, and what the law's samples of these numbers say."""
     recipe = load_recipe(name, changes)
+    assert isinstance(recipe, HiddenObject)
     images = tensors(recipe.batch(2, "train", range(count)))["image"].double()
     told = tensors(ByLaw(recipe).batch(2, "train", range(count)))
     rows, columns = band((CAMERA, CAMERA), 3.0)
