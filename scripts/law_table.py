@@ -6,7 +6,8 @@ half goes through them again and again. In the third way no more samples are dra
 the same objects and slabs. What a sample and a step cost is measured first, in turn, and decides how many there are, so
 that the rows suffer alike from a busy machine.
 
-Beside them: the mean of what it was trained on (chance), and for numbers of a medium two ways that are not trained
+Beside them chance: the mean of numbers in training, or another object. Of objects the packaged solver, which knows C_I
+and searches the likelihood for few points (the first 64 images). Of numbers of a medium two ways that are not trained
 here. "Object known": the mean over 256 slabs of the training split, each weighed by the exact likelihood of the image
 and the true object, which no network is told. ``fit_range``: the packaged solver's, which knows neither the object nor
 which objects there are, weighed by the recipe's ranges. The networks that tell a range are also asked for those of the
@@ -36,7 +37,7 @@ from specklegen.models import Training, load_solver, train
 from specklegen.models.judging import waves
 from specklegen.models.judging.baselines import any_object, on_even_light
 from specklegen.models.judging.evaluation import aligned_to, on_frame
-from specklegen.models.judging.points import brightest, light_found, share_found
+from specklegen.models.judging.points import light_found, share_found
 from specklegen.models.learning.examples import Examples, batches_of, sharing_media
 from specklegen.models.learning.inputs import network_input
 from specklegen.models.learning.law import ByLaw
@@ -44,7 +45,6 @@ from specklegen.models.learning.measurement import measured, memory_effect_of
 from specklegen.models.learning.range_fit import fit_range, range_of
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.targets import TARGETS, numbers_of
-from specklegen.models.likelihood.constellation import MOST
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood, memory_effect_between
 from specklegen.models.metrics import pearson
 
@@ -63,8 +63,6 @@ SLABS = 256
 RANGE = "memory_effect_range"
 FAINTEST = 0.3
 """Brightness of the faintest points, where points are hidden."""
-FITTED, FAINT = 60, 0.1
-"""Steps in which their brightness is fitted; share of the brightest maximum below which none is a point."""
 
 
 def stored(source: Recipe, samples: range, seed: int, split: str, targets: list[str]) -> dict[str, Examples]:
@@ -258,34 +256,12 @@ def untrained(table: Table) -> dict[str, dict[str, dict[str, np.ndarray]]]:
 
 
 def of_objects(table: Table) -> dict[str, dict[str, np.ndarray]]:
-    """Another object; the packaged solver on the first images; its points with the most likely brightness."""
+    """Another object, and the packaged solver, on the first images."""
     first = table.batches[0]
     objects, shown = first["object"].float(), any_object(load_solver(), table.recipe)(first).float()
     ways = {name: likeness(images, objects, table.points)
             for name, images in (("chance", objects.roll(1, 0)), ("solver", shown))}  # fmt: skip
-    if table.points:
-        ways["solver, brightness fitted"] = likeness(weighed(table, first, shown), objects, True)
     return ways
-
-
-def weighed(table: Table, batch: Mapping[str, Any], images: Tensor) -> Tensor:
-    """Maxima of images with the brightness that the likelihood prefers, C_I known; float[n, h, w]."""
-    seen, optics, memory = measured(batch, table.recipe)
-    side = images.shape[-1]
-    law = SpeckleLikelihood(seen, (side, side), optics)
-    away = np.arange(1 - side, side)
-    between = torch.stack([torch.from_numpy(c_i(np.hypot(away[:, None], away))).float() for c_i in memory])
-    lit = torch.zeros_like(images)
-    for n, image in enumerate(images.numpy()):
-        places = brightest(np.where(image > FAINT * image.max(), image, 0.0), MOST)
-        lit[n][tuple(places.T)] = 1.0
-    logs = torch.zeros_like(images, requires_grad=True)
-    adam = torch.optim.Adam([logs], 0.1)
-    for _ in range(FITTED):
-        adam.zero_grad()
-        (-law.log_likelihood(lit * logs.exp(), between)).sum().backward()
-        adam.step()
-    return (lit * logs.exp()).detach()
 
 
 def known(table: Table, memory: Tensor) -> Tensor:
