@@ -14,7 +14,7 @@ from specklegen.datasets.objects.family import DrawnFamily, Source
 
 
 class Points(DrawnFamily):
-    """Points of brightness 1, each one pixel, at random places; splits share no constellation.
+    """Points, each one pixel, at random places; splits share no constellation.
 
     Parameters
     ----------
@@ -22,10 +22,18 @@ class Points(DrawnFamily):
         (rows, columns) of an object.
     count
         Number of points, at least 2: a single point is the same object wherever it lies.
+    faintest
+        Brightness of a point is drawn between this and 1, and the brightest has 1; by default all are alike.
     """
 
     type: Literal["Points"] = "Points"
     count: Annotated[int, Field(ge=2)] = 5
+    faintest: Annotated[float, Field(gt=0, le=1)] = 1.0
+
+    def identity(self) -> dict:
+        """Fields; a brightness that is not drawn is left out, as before it could be."""
+        stated = super().identity()
+        return {name: value for name, value in stated.items() if name != "faintest" or self.faintest < 1}
 
     def propose(self, rng: np.random.Generator) -> Source:
         """(row, column, row, column, ...) of the points, moved to touch the first row and column."""
@@ -40,7 +48,8 @@ class Points(DrawnFamily):
         """Constellation, somewhere in the frame; float32[h, w]."""
         y, x = np.array(source, dtype=int).reshape(-1, 2).T
         frame = np.zeros(self.shape, dtype=np.float32)
-        frame[y + rng.integers(self.shape[0] - y.max()), x + rng.integers(self.shape[1] - x.max())] = 1
+        places = y + rng.integers(self.shape[0] - y.max()), x + rng.integers(self.shape[1] - x.max())
+        frame[places] = rng.uniform(self.faintest, 1, self.count) if self.faintest < 1 else 1
         return frame
 
 

@@ -54,8 +54,9 @@ class Training(Value):
         "registered", how their speckle decorrelates, or "registered+power", with the transmitted power; of exposures
         "exposures", their contrasts, or "local-contrast", maps of them.
     network
-        "residual" (for autocorrelations), "unet", "stack-unet" (for recipes with several images a sample), "dense",
-        "perceptron" (for stacks of tilts or exposures) or "contrast" (for maps); or one of your own
+        "residual" (for autocorrelations), "lags" (for numbers of a medium, from autocorrelations), "unet", "stack-unet"
+        (for recipes with several images a sample), "dense", "perceptron" (for stacks of tilts or exposures) or
+        "contrast" (for maps); or one of your own
         (:class:`specklegen.models.Network`), by its name or by its import path, as in "my_module:Linear".
     width
         Channels at the top of a U-Net, or a sixteenth of the units of dense nets.

@@ -65,8 +65,8 @@ def train(
     network: Annotated[
         str,
         typer.Option(
-            help="Kind of network: contrast, dense, perceptron, residual, stack-unet or unet; or one of your own, as "
-            "my_module:Name, whose module is run."
+            help="Kind of network: contrast, dense, lags, perceptron, residual, stack-unet or unet; or one of your "
+            "own, as my_module:Name, whose module is run."
         ),
     ] = "unet",
     width: Annotated[
@@ -75,7 +75,8 @@ def train(
     loss: Annotated[
         str,
         typer.Option(
-            help="pearson, bce, ssim, l1, pearson+bce; with -invariant or without.", autocompletion=losses_starting_with
+            help="pearson, bce, ssim, l1, pearson+bce, blurred (of points); with -invariant or without.",
+            autocompletion=losses_starting_with,
         ),
     ] = "pearson-invariant",
     learning_rate: Annotated[float, typer.Option(help="Largest learning rate.")] = 3e-3,

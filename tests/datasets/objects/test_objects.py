@@ -38,6 +38,7 @@ from specklegen.datasets.objects.outlines import CHARACTERS, FONTS, outline
 from specklegen.datasets.objects.photographs import PHOTOGRAPHS, _photograph
 from specklegen.datasets.objects.pictures import fitted, read_grey, resampled
 from specklegen.datasets.split import SPLITS, split_of
+from tests.zscore import assert_mean
 
 FALSE_ALARM = 1e-6  # chance that a right build fails, per test
 
@@ -576,6 +577,23 @@ def test_points_have_their_count_and_even_directions():
         slopes[np.sign(x1 - x0)] += 1
     up, down = slopes[1], slopes[-1]
     assert (up - down) ** 2 / (up + down) < chi2.isf(FALSE_ALARM, 1)
+
+
+def test_brightness_of_points_is_drawn_and_moves_none():
+    """Over the brightest, uniform numbers from .2 to 1 have the mean of u / max; places are those of even points."""
+    even, uneven = Points(count=4), Points(count=4, faintest=0.2)
+    assert even.identity() == {"type": "Points", "shape": [28, 28], "count": 4}  # fingerprints stay
+    assert uneven.identity()["faintest"] == 0.2
+    shown = np.stack([uneven.image(0, "train", n) for n in range(400)])
+    assert np.array_equal(shown > 0, np.stack([even.image(0, "train", n) for n in range(400)]) > 0)
+    assert (shown.max((1, 2)) == 1).all()
+    expected = {}
+    for faintest in (0.2, 0.1):
+        drawn = np.random.default_rng(1).uniform(faintest, 1, (400_000, 4))
+        expected[faintest] = (drawn / drawn.max(1, keepdims=True)).sum(1).mean()
+    assert_mean(shown.sum((1, 2)), expected[0.2])
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(shown.sum((1, 2)), expected[0.1])
 
 
 def test_a_constellation_is_one_source_wherever_it_lies():

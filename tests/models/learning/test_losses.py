@@ -35,6 +35,21 @@ def test_a_perfect_prediction_costs_nothing(name):
     assert LOSSES[name](torch.logit(target, eps=1e-12), target).item() == pytest.approx(0, abs=1e-9)
 
 
+def test_a_point_beside_its_place_is_nearly_right():
+    """Of sharp points one that is a pixel away is as wrong as one far away; blurred, it costs less, its place least."""
+    target = torch.zeros(1, 12, 12, dtype=torch.float64)
+    target[0, 5, 5] = 1
+    costs = {}
+    for name in ("pearson", "blurred"):
+        shown = [torch.logit(target.roll(away, 2), eps=1e-12) for away in (0, 1, 4)]
+        costs[name] = [LOSSES[name](each, target).item() for each in shown]
+    assert costs["pearson"][1] == pytest.approx(costs["pearson"][2], rel=1e-12)
+    assert costs["blurred"][0] < costs["blurred"][1] < costs["blurred"][2]
+    spread = torch.zeros_like(target)
+    spread[0, 4:7, 4:7] = torch.tensor([[0.25, 0.5, 0.25], [0.5, 1.0, 0.5], [0.25, 0.5, 0.25]])
+    assert LOSSES["blurred"](torch.logit(spread, eps=1e-12), target).item() == pytest.approx(0, abs=1e-9)
+
+
 def test_invariant_loss_is_the_least_over_all_motions():
     """By brute force, for the loss that the alignment minimises."""
     logits, target = logits_and_target(1, 8)
