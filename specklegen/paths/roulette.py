@@ -29,7 +29,8 @@ from specklegen.paths.volume_tracer import VolumeTracer
 from specklegen.scene.scatterers.scatterer import Dimensions, Scatterer
 
 TIMES = 2.0  # that the added variance counts
-SLAB_PATHS, VOLUME_PATHS = 1024, 4096  # of the pilots
+SLAB_PATHS = VOLUME_PATHS = 4096  # of the pilots
+SCENE_PATHS = 1024  # of a scene's slab: its plan may take longer than its render
 _SLAB_EVENT, _VOLUME_EVENT = 0.05, 0.01  # cost of a scattering event, in connections by the NUFFT or the direct sum
 _TRIED = 1000  # thresholds
 _LEAST_AT_ONCE, _EVENTS_AT_ONCE = 256, 2**15  # paths of a slab's pilot, or their events; all of them are 16 MB at most
@@ -116,7 +117,7 @@ def _by_brightness(judged: np.ndarray, contributions: np.ndarray) -> tuple[np.nd
 
 def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTracer:
     """Set the threshold of a slab's tracer from a pilot under one light, at the views by which it judges."""
-    return judging(tracer, slab_threshold(tracer, light, seed))
+    return judging(tracer, _slab_threshold(tracer, light, seed, SLAB_PATHS))
 
 
 def judging(tracer: SlabTracer, threshold: float | None) -> SlabTracer:
@@ -126,8 +127,12 @@ def judging(tracer: SlabTracer, threshold: float | None) -> SlabTracer:
     return replace(tracer, proposal=replace(tracer.proposal, threshold=threshold))
 
 
-def slab_threshold(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> float | None:
-    """Threshold of :func:`slab_roulette`; None where no path of the pilot has a connection."""
+def scene_threshold(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> float | None:
+    """Threshold of a scene's slab; None where no path of the pilot has a connection."""
+    return _slab_threshold(tracer, light, seed, SCENE_PATHS)
+
+
+def _slab_threshold(tracer: SlabTracer, light: np.ndarray, seed: Seed, paths: int) -> float | None:
     fitting = int(_SLAB_CONNECTIONS / (tracer.events_per_path * max(len(tracer.proposal.probes), 1)))
     layout = tracer.layout.at(light, tracer.proposal.probes)
     at_once = max(_LEAST_AT_ONCE, int(_EVENTS_AT_ONCE / tracer.events_per_path))
@@ -136,13 +141,13 @@ def slab_threshold(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> float |
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, stream=Stream.PILOT, threads=1)
         return contributions_of_pairs(layout, bank)[0], bank.paths
 
-    count = min(SLAB_PATHS, max(fitting, 16))
+    count = min(paths, max(fitting, 16))
     parts = [weighed(part) for part in slices(count, at_once)]
-    found, paths = np.concatenate([w for w, _ in parts], axis=1), np.concatenate([owners for _, owners in parts])
+    found, owners = np.concatenate([w for w, _ in parts], axis=1), np.concatenate([of for _, of in parts])
     del parts
-    if len(paths) == 0:
+    if len(owners) == 0:
         return None
-    return cheapest_threshold(found.max(axis=0), found, paths, count, _SLAB_EVENT)
+    return cheapest_threshold(found.max(axis=0), found, owners, count, _SLAB_EVENT)
 
 
 def volume_roulette(tracer: VolumeTracer, seed: Seed) -> VolumeTracer:

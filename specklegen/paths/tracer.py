@@ -18,8 +18,8 @@ from specklegen.paths.phase_tables import common_lobe
 from specklegen.paths.roulette import (
     between_probes,
     judging,
+    scene_threshold,
     slab_roulette,
-    slab_threshold,
     volume_roulette,
     with_capacity,
 )
@@ -129,7 +129,7 @@ def _judging(scene: Scene, reverse: bool, turned: bool) -> SlabTracer:
     seed = pilot_seed(scene.unitless_fingerprint())
     about = ("threshold of a slab", scene, reverse, turned)
     return judging(
-        tracer, kept_result(float | None, about, lambda: slab_threshold(tracer, proposal.reference, seed))
+        tracer, kept_result(float | None, about, lambda: scene_threshold(tracer, proposal.reference, seed))
     )
 
 

@@ -152,7 +152,7 @@ def plan(
     >>> sg.plan(scene).sampler
     'stationary'
     >>> sg.plan(scene, sampler="paths", rel_error=0.1).paths
-    405
+    390
     """
     budget = Budget("plan", paths, rel_error, threads=threads, reverse=reverse)
     return planned(

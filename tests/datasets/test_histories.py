@@ -508,7 +508,7 @@ def run(histories, chosen, dependences=()):
     not caught by as many as ran without is an error.
     """
     # Planning is two thirds of a history; of few paths it depends on what happens before as much as of many.
-    pilot.PILOT_PATHS, roulette.SLAB_PATHS = 128, 64
+    pilot.PILOT_PATHS, roulette.SLAB_PATHS, roulette.SCENE_PATHS = 128, 64, 64
     stationarity.GLANCE_PATHS = stationarity.FIRST_PATHS = stationarity.MOST_PATHS = stationarity.ENVELOPE_PATHS = 64
     cache.folder = lambda: Path(mkdtemp(prefix="histories-"))
     Histories.truth = Truth()

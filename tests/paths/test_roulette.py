@@ -160,5 +160,5 @@ def test_a_thousand_paths_tell_the_threshold_of_a_slab(medium):
         return np.mean([work(t) for t in thresholds]) / least
 
     least = work(cheapest_threshold(w, w[None], owners, len(whole), roulette._SLAB_EVENT))
-    assert lost(roulette.SLAB_PATHS) < 1.02
-    assert lost(roulette.SLAB_PATHS // 16) > 1.02
+    assert lost(roulette.SCENE_PATHS) < 1.02
+    assert lost(roulette.SCENE_PATHS // 16) > 1.02
