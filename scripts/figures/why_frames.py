@@ -2,10 +2,11 @@
 
     python scripts/figures/why_frames.py --measured FOLDER [--seeds 3] [--images 2048] [--epochs 10]
 
-FOLDER is the clone that `specklegen measured get hidden-shapes` makes. Objects are half a memory-effect range wide. The residual network of the package, width 26,
-sees the autocorrelation; all makers' networks have as many steps. Images are as many, or, of convolution with new
-patterns, as many as are made in the processor time of ours. Prints a table: alignment of 48 images of the benchmark's
-task "waves" and matches to the printed shapes of its 32 measured frames, with intervals over media and seeds.
+FOLDER is the clone that `specklegen measured get hidden-shapes` makes. Objects are half a memory-effect range wide. The
+residual network of the package, width 26, sees the autocorrelation; all makers' networks have as many steps. Images are
+as many, or, of convolution with new patterns, as many as are made in the processor time of ours. Prints a table: scores
+of 48 images of the benchmark's task "waves" and matches to the printed shapes of its 32 measured frames, with intervals
+over media and seeds.
 """
 
 import argparse
@@ -80,7 +81,8 @@ def main() -> None:
     waves = [*task("waves").batches(range(task("waves").samples))]
     measured = [*task("measured frames").batches(range(frames.SAMPLES), measured=given.measured)]
     shapes = [n % len(frames.SHAPES) for n in range(frames.SAMPLES)]
-    media = np.concatenate([np.asarray(batch["parameters"]["medium"]) for batch in waves]), np.arange(frames.SAMPLES) // len(frames.SHAPES)
+    slabs = np.concatenate([np.asarray(batch["parameters"]["medium"]) for batch in waves])
+    media = slabs, np.arange(frames.SAMPLES) // len(frames.SHAPES)
     scores: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for seed in range(given.seeds):
         seconds, took = {}, {}
