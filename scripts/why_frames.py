@@ -1,6 +1,6 @@
 """One network, trained on small objects by several makers, judged on waves and on frames of a laboratory's camera.
 
-    python scripts/figures/why_frames.py --measured FOLDER [--seeds 3] [--images 2048] [--epochs 10]
+    python scripts/why_frames.py --measured FOLDER [--seeds 3] [--images 2048] [--epochs 10]
 
 FOLDER is the clone that `specklegen measured get hidden-shapes` makes. Objects are half a memory-effect range wide. The
 residual network of the package, width 26, sees the autocorrelation; all makers' networks have as many steps. Images are
