@@ -87,17 +87,20 @@ class FirstPaths:
     reverse: bool
     seed: int
 
-    @property
+    @cached_property
     def bank(self) -> PathBank:
         """Their connections."""
-        return self.found[0]
+        return self.judged()[0]
 
-    @cached_property
-    def found(self) -> tuple[PathBank, _Powers]:
-        """Few paths, or more where fewer than fifty of these carry the variance; and what they send."""
+    def judged(self) -> tuple[PathBank, _Powers]:
+        """Connections of few paths, or of more where these do not tell; and what they send.
+
+        They do not where fewer than fifty of them carry the variance, nor where none has found its way from a light to
+        a view: between these it may be that one of a thousand does.
+        """
         bank = self.trace(0, min(FEW_PATHS, PILOT_PATHS))
         powers = self.powers(bank)
-        if bank.count < PILOT_PATHS and _worst(powers, bank.count).effective_paths < _SURE:
+        if bank.count < PILOT_PATHS and not (_lit(powers) and _worst(powers, bank.count).effective_paths >= _SURE):
             bank = concatenate([bank, self.trace(bank.count, PILOT_PATHS - bank.count)])
             powers = self.powers(bank)
         return bank, powers
@@ -168,7 +171,8 @@ def pilot_by_walk(scene: Scene, reverse: bool, any_geometry: bool) -> Pilot:
 
 def _numbers(scene: Scene, first: FirstPaths) -> PilotNumbers:
     """What the first paths say, and as many more as it takes."""
-    bank, powers = first.found
+    bank, powers = first.judged()
+    vars(first)["bank"] = bank  # as if it had been asked for: powers, which are larger, are not held
     count = bank.count
     means, share = [], 0.0
     for single, multiple in zip(*(weights for _, weights in powers), strict=True):
@@ -180,7 +184,7 @@ def _numbers(scene: Scene, first: FirstPaths) -> PilotNumbers:
     drawn = isinstance(first.tracer, SlabTracer) and first.tracer.across
     variances = () if drawn else crossing_variances(scene)
     missed_variance = min(variances, default=0.0)
-    moments = _sure(first, powers).stated()
+    moments = _sure(first, bank, powers).stated()
     moments = replace(moments, relative_variance=max(moments.relative_variance, missed_variance))
     dark = dark_views(variances, np.array(means))
     shadow = Decision("dark views", True, dark, doubt=True) if dark else None
@@ -203,6 +207,11 @@ def _powers(tracer: Tracer, reverse: bool, bank: PathBank) -> _Powers:
     ]
 
 
+def _lit(found: _Powers) -> bool:
+    """Whether something reaches every view from every light."""
+    return all(bool(single.any() or multiple.any()) for single, multiple in zip(*(w for _, w in found), strict=True))
+
+
 def _worst(found: _Powers, count: int) -> PathMoments:
     """Moments at the light and view where the weights of ``count`` paths vary most."""
     paths = np.concatenate([owner for owner, _ in found])
@@ -211,13 +220,12 @@ def _worst(found: _Powers, count: int) -> PathMoments:
     return PathMoments.of(worst, paths, count)
 
 
-def _sure(first: FirstPaths, found: _Powers) -> PathMoments:
+def _sure(first: FirstPaths, bank: PathBank, found: _Powers) -> PathMoments:
     """Moments at the worst light and view from as many paths as it takes to know their variance, or as may be traced.
 
-    The first of them, and what they ``found``, are there.
+    The first of them, ``bank`` and what it ``found``, are there.
     """
-    lock_step, bank = isinstance(first.tracer, SlabTracer), first.bank
-    count = bank.count
+    lock_step, count = isinstance(first.tracer, SlabTracer), bank.count
     rate = max(bank.events / _MOST_EVENTS[lock_step], len(bank) / _MOST_CONNECTIONS)  # of the first paths
     most = int(count / rate) if rate > 0 else count
     moments = _worst(found, count)

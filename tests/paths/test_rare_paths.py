@@ -10,9 +10,11 @@ import specklegen as sg
 from specklegen.core import statistics
 from specklegen.core.errors import DoubtWarning
 from specklegen.memory_effects.correlation import estimate_correlation
+from specklegen.paths import pilot as pilots
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.gaussianity import PathMoments
 from specklegen.paths.pilot import PILOT_PATHS, scene_pilot
+from specklegen.paths.tracer import scene_tracer
 
 
 def slab(depth: float, g: float, albedo: float = 1.0) -> sg.Slab:
@@ -58,6 +60,17 @@ def test_pilots_grow_until_they_know_their_variance():
     plain = scene_pilot(ahead(slab(5.0, 0.5)), False)
     own = PathMoments.of(contributions(plain.tracer.layout, plain.bank), plain.bank.paths, plain.bank.count)
     assert plain.moments.relative_variance == own.relative_variance
+
+
+def test_pilots_are_as_long_as_they_have_to_be(monkeypatch):
+    """Few paths where these tell; more where few carry the variance, and where none is seen at all."""
+    assert scene_pilot(ahead(slab(2.0, 0.5)), False).paths == pilots.FEW_PATHS
+    assert scene_pilot(ahead(slab(50.0, 0.99)), False).paths == PILOT_PATHS
+    monkeypatch.setattr(pilots, "FEW_PATHS", 2)
+    deep = pilots.FirstPaths(scene_tracer(ahead(slab(1500.0, 0.0)), False), False, 5)
+    assert not any(weights.any() for _, weights in deep.powers(deep.trace(0, 2)))
+    assert deep.bank.count == PILOT_PATHS
+    assert any(weights.any() for _, weights in deep.powers(deep.bank))
 
 
 def test_runs_of_too_few_paths_say_so():

@@ -58,7 +58,7 @@ def equal(one, two, pick=slice(None)):
             assert np.array_equal(value.numpy(), other.numpy()[pick], equal_nan=True), key
 
 
-def agree(found, expected, parameters=1e-11):
+def assert_agree(found, expected, parameters=1e-11):
     """Images within 2e-6 (relative l2), parameters within 1e-11; counts within 1, in less than 1e-3 of pixels.
 
     A median error of 5e-7 is that of single precision. Parameters are to differ by rounding alone, some 1e-15 times
@@ -102,7 +102,7 @@ def test_images_are_those_of_double_precision(name, monkeypatch):
     double = lambda *given: asked.append(1) or SurfaceFilm(*given, precise=True)  # noqa: E731
     monkeypatch.setattr(contrast_map, "SurfaceFilm", double)
     contrast_map._surface.cache_clear()
-    agree(found, SpeckleGenerator(recipe, 11, "validation")(indices))
+    assert_agree(found, SpeckleGenerator(recipe, 11, "validation")(indices))
     contrast_map._surface.cache_clear()
     assert asked
 
@@ -119,7 +119,7 @@ def test_devices_render_what_the_cpu_renders(name, monkeypatch):
     recipe, indices = recipe_of(source, **({} if lab else {"camera": {"shape": [64, 72]}} | changes)), range(3)
     found = SpeckleGenerator(recipe, 4)(indices)
     with as_on_devices(monkeypatch):
-        agree(SpeckleGenerator(recipe, 4)(indices), found)
+        assert_agree(SpeckleGenerator(recipe, 4)(indices), found)
 
 
 @pytest.mark.parametrize("name", ["unknown-slab", "tilt-stack", "dynamic-slab", "brownian-slab"])

@@ -78,7 +78,7 @@ def score(powers, expected, other):
     return ((powers / expected - 1) * (weight - weight.mean(1, keepdims=True))).sum(1)
 
 
-def told_apart(powers, right, wrong):
+def assert_told_apart(powers, right, wrong):
     assert_mean(score(powers, right, wrong), 0)
     with pytest.raises(AssertionError, match="z ="):
         assert_mean(score(powers, wrong, right), 0)
@@ -99,7 +99,7 @@ def test_images_are_of_the_slab_that_is_told(characters, name, by):
     def law(factors=()):
         return np.stack([spectrum(r * memory(recipe, drawn, n, factors), waves, counted) for n, r in enumerate(lags)])
 
-    told_apart(powers, law(), law([(name, by)]))
+    assert_told_apart(powers, law(), law([(name, by)]))
 
 
 def test_the_range_that_is_told_is_where_half_of_it_is_left(characters):
@@ -176,4 +176,4 @@ def test_images_are_of_the_points_that_are_told(points, wrong):
             expected.append(spectrum(lags, (rows, columns), counted))
         return np.stack(expected)
 
-    told_apart(powers, law(), law(wrong))
+    assert_told_apart(powers, law(), law(wrong))
