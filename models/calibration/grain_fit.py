@@ -26,7 +26,7 @@ from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
 from specklegen.models.learning.reconstructor import centred
 from specklegen.models.retrieval.phase_retrieval import Retrieval, retrieve
-from specklegen.scene.window import Profile
+from specklegen.scene.window import Profile, Window
 
 STEP = 0.08
 """Between grains that are tried, in their logarithm."""
@@ -125,17 +125,9 @@ def fit_grain(images: Tensor, extent: int, profile: Profile = "disc", seed: Seed
 
 def transfer(profile: Profile, grain: float, tile: int) -> Tensor:
     """T at the frequencies of a tile, as wide as Hann's peak; float64[tile, tile // 2 + 1], 1 at frequency 0."""
-    v, u = torch.fft.fftfreq(tile).double()[:, None], torch.fft.rfftfreq(tile).double()
-    total = torch.zeros(tile, tile // 2 + 1, dtype=torch.float64)
-    for down in (-0.8, 0.0, 0.8):
-        for across in (-0.8, 0.0, 0.8):
-            x, y = (u + across / tile) * grain, (v + down / tile) * grain
-            if profile == "square":
-                total += (1 - x.abs()).clamp_min(0) * (1 - y.abs()).clamp_min(0)
-            else:
-                rho = torch.hypot(x, y).clamp_max(1)
-                total += 2 / torch.pi * (rho.arccos() - rho * (1 - rho.square()).sqrt())
-    return total / 9
+    v, u = np.fft.fftfreq(tile)[:, None], np.fft.rfftfreq(tile)
+    aside, window = (-0.8 / tile, 0.0, 0.8 / tile), Window(profile, 1 / grain)
+    return torch.from_numpy(np.mean([window.overlap(u + x, v + y) for y in aside for x in aside], 0))
 
 
 def tile_power(images: Tensor, tile: int) -> Tensor:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from specklegen.scene.window import Profile
+from specklegen.scene.window import Profile, Window
 
 SHAPES: tuple[Profile, ...] = ("square", "disc")
 _SIDE = 72  # blocks of frequencies along each axis, at most
@@ -73,10 +73,7 @@ def periodogram(images: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.nd
 
 def transfer(profile: Profile, down: np.ndarray, across: np.ndarray) -> np.ndarray:
     """T at frequencies in cycles a grain, 1 at 0."""
-    if profile == "square":
-        return np.clip(1 - np.abs(down), 0, None) * np.clip(1 - np.abs(across), 0, None)
-    rho = np.clip(np.hypot(down, across), 0, 1)
-    return 2 / np.pi * (np.arccos(rho) - rho * np.sqrt(1 - rho**2))
+    return Window(profile, 1.0).overlap(across, down)
 
 
 def fit_band(images: np.ndarray, looks: float = 1.0) -> Band:
