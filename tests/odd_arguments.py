@@ -603,11 +603,6 @@ def waves() -> Iterator[Call]:
         "gaussian_mass", wavetracing.gaussian_mass, {"polygon": SQUARE, "covariance": np.eye(2), "mean": (0.0, 0.0)}
     )
     yield Call(
-        "triangles_transform",
-        wavetracing.triangles_transform,
-        {"triangles": [RING[:3]], "amplitudes": [[1.0] * 3], "xi": [[0.1, 0.2]]},
-    )
-    yield Call(
         "GaussianBeam",
         wavetracing.GaussianBeam,
         {"origin": [0.0] * 3, "direction": UP, "sigma": np.eye(2), "wavelength": 0.1, "rho": 0.0},
@@ -667,7 +662,6 @@ def waves() -> Iterator[Call]:
         "perforated_screen", wavetracing.perforated_screen, {"outline": 4 * RING, "holes": [RING], "material": None}
     )
     yield Call("itu_permittivity", wavetracing.itu_permittivity, {"name": "concrete", "frequency": 3e9})
-    yield Call("expected_trials", wavetracing.expected_trials, {"opening": SQUARE})
     yield Call(
         "sample_pattern",
         wavetracing.sample_pattern,
@@ -752,7 +746,6 @@ def waves() -> Iterator[Call]:
         },
     )
     wedge = {"n": 1.5, "phi": [1.0], "incidence": [0.5], "distance": [10.0], "k": 6.0}
-    yield Call("geometric_shares", wavetracing.geometric_shares, {"n": 1.5, "phi": [1.0], "incidence": [0.5]})
     yield Call("lossy_wedge_field", wavetracing.lossy_wedge_field, wedge | {"permittivity": 4 + 1j, "boundary": "soft"})
     yield Call("wedge_coefficients", wavetracing.wedge_coefficients, wedge | {"beta": 1.2})
     yield Call("wedge_field", wavetracing.wedge_field, wedge | {"boundary": "soft", "beta": 1.2})

@@ -37,7 +37,6 @@ from specklegen.wavetracing import (
     PointEmitter,
     bilinear_intensity,
     coherent_rays,
-    expected_trials,
     field_on_plane,
     perforated_screen,
     sample_pattern,
@@ -45,7 +44,9 @@ from specklegen.wavetracing import (
     trace,
     wedge_coefficients,
 )
+from specklegen.wavetracing.envelope import edge_envelope
 from specklegen.wavetracing.materials import LIGHT_SPEED
+from specklegen.wavetracing.opening import rim_of
 
 OUT = Path("docs/wavetracing")
 K = 2 * np.pi
@@ -301,7 +302,7 @@ def trials(out, quick):  # noqa: ARG001
     }  # fmt: skip
     for name, loop in shapes.items():
         drawn = sample_pattern(loop, count, 0, threads=1)
-        rows.append([name, expected_trials(loop), drawn.trials / (count + drawn.evanescent)])
+        rows.append([name, edge_envelope(rim_of("opening", loop)).trials, drawn.trials / (count + drawn.evanescent)])
     table("Trials a draw", ["opening", "expected", "measured"], rows)
 
 

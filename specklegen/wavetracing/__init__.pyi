@@ -1,6 +1,5 @@
 from .aperture import aperture_transform as aperture_transform
 from .aperture import gaussian_mass as gaussian_mass
-from .aperture import triangles_transform as triangles_transform
 from .beams import GaussianBeam as GaussianBeam
 from .bilinear import bilinear_intensity as bilinear_intensity
 from .coherent_ray_sums import coherent_rays as coherent_rays
@@ -31,7 +30,6 @@ from .meshes import Mesh as Mesh
 from .meshes import load_mesh as load_mesh
 from .meshes import perforated_screen as perforated_screen
 from .pattern import Pattern as Pattern
-from .pattern import expected_trials as expected_trials
 from .pattern import sample_pattern as sample_pattern
 from .pattern import sample_slits as sample_slits
 from .plane import Plane as Plane
@@ -43,7 +41,6 @@ from .tracing import trace as trace
 from .wave_trace import Ledger as Ledger
 from .wave_trace import Statistics as Statistics
 from .wave_trace import WaveTrace as WaveTrace
-from .wedge import geometric_shares as geometric_shares
 from .wedge import lossy_wedge_field as lossy_wedge_field
 from .wedge import wedge_coefficients as wedge_coefficients
 from .wedge import wedge_field as wedge_field

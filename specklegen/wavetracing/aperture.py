@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.arguments import complex_array, finite_numbers, real_array
+from specklegen.core.arguments import finite_numbers, real_array
 from specklegen.core.errors import reject
 from specklegen.wavetracing.kernels.apertures import edge_transform, triangle_transform
 from specklegen.wavetracing.opening import Opening, Rim, rim_of
@@ -77,44 +77,6 @@ def aperture_transform(
         factor = complex(finite_numbers("aperture_transform amplitude", number, 0))
         edge_transform(rim.about_centre, rim.area, *map(float, rim.centre), flat, out)
         out *= factor
-    return out.reshape(xi.shape[:-1])
-
-
-def triangles_transform(triangles: ArrayLike, amplitudes: ArrayLike, xi: ArrayLike) -> np.ndarray:
-    """Return Psi(xi) complex128[...] of triangles float64[T, 3, 2] with amplitudes complex128[T, 3] at their corners.
-
-    Linear between the corners, exact to 4e-15 of the area for phases up to 100 radians across a triangle, whether
-    corners coincide, edges stand across xi, or neither. Orientation does not matter.
-
-    Parameters
-    ----------
-    triangles
-        Corners, float64[T, 3, 2].
-    amplitudes
-        Field at the corners, complex128[T, 3].
-    xi
-        Wave vectors at which Psi is wanted, float64[..., 2], radians per unit length.
-
-    Raises
-    ------
-    RuleError
-        If shapes do not fit or something is not finite.
-
-    Examples
-    --------
-    >>> from specklegen.wavetracing import triangles_transform
-    >>> triangles_transform([[[0, 0], [2, 0], [0, 2]]], [[1, 1, 1]], [0.0, 0.0])  # its area
-    array(2.+0.j)
-    """
-    triangles = real_array("triangles_transform triangles", triangles).copy()
-    amplitudes = complex_array("triangles_transform amplitudes", amplitudes).copy()
-    if triangles.ndim != 3 or triangles.shape[1:] != (3, 2) or not np.isfinite(triangles).all():
-        reject("triangles_transform triangles", "finite, of shape (T, 3, 2)", triangles)
-    if amplitudes.shape != triangles.shape[:2] or not np.isfinite(amplitudes).all():
-        reject("triangles_transform amplitudes", f"finite, of shape ({len(triangles)}, 3)", amplitudes)
-    xi = _wavevectors("triangles_transform xi", xi)
-    out = np.zeros(xi.size // 2, np.complex128)
-    triangle_transform(triangles, amplitudes, np.ascontiguousarray(xi.reshape(-1, 2)), out)
     return out.reshape(xi.shape[:-1])
 
 

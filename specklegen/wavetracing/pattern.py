@@ -178,7 +178,7 @@ def sample_pattern(
     Returns
     -------
     Pattern
-        ``xi`` float64[count, 2]. Trials a draw: `expected_trials`.
+        ``xi`` float64[count, 2].
 
     Raises
     ------
@@ -208,32 +208,6 @@ def sample_pattern(
     envelope = edge_envelope(rim)
     arguments = (rim.about_centre, rim.area, envelope.radius, envelope.cumulative, longest)
     return _draw(partial(_fill, draw_polygon, arguments), (_count(count), 2), seed, threads)
-
-
-def expected_trials(opening: Opening) -> float:
-    """Return the mean trials a draw of `sample_pattern` by rejection, evanescent draws included, before any is drawn.
-
-    Parameters
-    ----------
-    opening
-        A loop float64[n, 2], or several: outer ones counter-clockwise, holes clockwise; of positive area.
-
-    Raises
-    ------
-    RuleError
-        As `sample_pattern`.
-
-    Examples
-    --------
-    >>> from specklegen.wavetracing import expected_trials
-    >>> square = [[-5, -5], [5, -5], [5, 5], [-5, 5]]
-    >>> round(expected_trials(square), 2)
-    2.1
-    """
-    rim = rim_of("expected_trials opening", opening)
-    if not rim.area > 0:
-        reject("expected_trials opening", "of positive area", rim.area)
-    return edge_envelope(rim).trials
 
 
 def _longest(wavelength: float | None) -> float:

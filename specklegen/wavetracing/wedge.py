@@ -99,21 +99,7 @@ def wedge_coefficients(
 def geometric_shares(n: float, phi: ArrayLike, incidence: ArrayLike) -> np.ndarray:
     """Return how much of the direct wave and of the images in the 0-face and the n-face is seen, float64[..., 3].
 
-    1 or 0, and one half exactly on a boundary, by the same rounded angles as `wedge_coefficients`.
-
-    Parameters
-    ----------
-    n
-        Exterior angle over pi, from 1 (a plane) to 2 (a half plane).
-    phi, incidence
-        Angles of the receiver and of the source from the 0-face, radians in [0, n pi].
-
-    Examples
-    --------
-    >>> from specklegen.wavetracing import geometric_shares
-    >>> geometric_shares(1.5, [1.0, 4.5], 0.5)  # the light, and its image in the nearer face; then the shadow
-    array([[1., 1., 0.],
-           [0., 0., 0.]])
+    1 or 0, and one half exactly on a boundary, by the same rounded angles as `wedge_coefficients`. Arguments as there.
     """
     n, phi, incidence = _angles(n, phi, incidence)
     phi, incidence = together("geometric_shares", phi=phi, incidence=incidence)

@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from specklegen.core.errors import RuleError
-from specklegen.wavetracing import aperture_transform, gaussian_mass, triangles_transform
+from specklegen.wavetracing import aperture_transform, gaussian_mass
+from specklegen.wavetracing.kernels.apertures import triangle_transform
 from specklegen.wavetracing.opening import crossing, rim_of
 
 TRIANGLE = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 2.0]])
@@ -33,6 +34,14 @@ def by_quadrature(triangle, values, xi, order=60):
     shares = np.stack([1 - a, a * (1 - b), a * b], axis=-1)
     weight = w[:, None] * w * a * abs(np.linalg.det([triangle[1] - triangle[0], triangle[2] - triangle[0]]))
     return np.sum(weight * (shares @ values) * np.exp(-1j * (shares @ triangle) @ xi))
+
+
+def triangles_transform(triangles, amplitudes, xi):
+    """Psi(xi) complex128[...] of triangles float64[T, 3, 2], linear between amplitudes complex128[T, 3] at corners."""
+    xi = np.asarray(xi, float)
+    out = np.zeros(xi.size // 2, complex)
+    triangle_transform(np.array(triangles), np.array(amplitudes, complex), xi.reshape(-1, 2), out)
+    return out.reshape(xi.shape[:-1])
 
 
 def test_frozen_figures():

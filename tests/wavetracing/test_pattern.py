@@ -6,8 +6,9 @@ from scipy.stats import chi2
 from zscore import assert_z
 
 from specklegen.core.errors import RuleError
-from specklegen.wavetracing import aperture_transform, expected_trials, sample_pattern, sample_slits
-from specklegen.wavetracing.envelope import edge_masses
+from specklegen.wavetracing import aperture_transform, sample_pattern, sample_slits
+from specklegen.wavetracing.envelope import edge_envelope, edge_masses
+from specklegen.wavetracing.opening import rim_of
 
 K = 2 * np.pi
 DRAWS = 60_000
@@ -68,7 +69,7 @@ def test_polygons_by_rejection(name):
     mean = drawn.trials / DRAWS
     assert mean < 1.1 * trials
     # Trials of a draw are geometric with the success 1/m: variance m (m - 1).
-    expected = expected_trials(opening)
+    expected = edge_envelope(rim_of("opening", opening)).trials
     assert_z(mean, expected, np.sqrt(expected * (expected - 1) / DRAWS))
 
 

@@ -8,8 +8,9 @@ import pytest
 from specklegen.core.errors import RuleError
 from specklegen.kernels import kernel
 from specklegen.oracles.wedge_series import half_plane, knife_edge_loss, transition_function, wedge_series
-from specklegen.wavetracing import geometric_shares, lossy_wedge_field, wedge_coefficients, wedge_field
+from specklegen.wavetracing import lossy_wedge_field, wedge_coefficients, wedge_field
 from specklegen.wavetracing.kernels.wedges import transition
+from specklegen.wavetracing.wedge import geometric_shares
 
 K = 2 * np.pi
 BOUNDARIES = ("soft", "hard")
