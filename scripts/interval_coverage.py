@@ -12,9 +12,9 @@ import time
 import warnings
 
 import numpy as np
+from scipy.stats import binomtest
 
 import specklegen as sg
-from specklegen.core.statistics import wilson
 
 FACES = sg.Faces(inside=1.4)
 WAVELENGTH, THICKNESS = 0.01, 100.0
@@ -65,7 +65,7 @@ def main() -> None:
         started = time.process_time()
         values, errors = curves(slab_of(*SLABS[name]), arguments.paths, arguments.seeds)
         counts, stated = held(values, errors), np.median(errors, axis=0) / values.std(axis=0)
-        low, high = wilson(int(counts.min()), arguments.seeds)
+        low, high = binomtest(int(counts.min()), arguments.seeds).proportion_ci(method="wilson")
         took = time.process_time() - started
         shares, ratios = (" ".join(format(x, form) for x in row)
                           for row, form in ((counts / arguments.seeds, ".3f"), (stated, ".2f")))  # fmt: skip

@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.stats import binomtest, chi2
 
 import specklegen as sg
 from specklegen.measured import MemoryCurve, Transmittance
@@ -125,8 +125,9 @@ def told(files: Iterable[Path]) -> str:
             plain = np.full_like(at, chi2.ppf(level, 1))
             kinds = {"drawn": drawn_ends, "chi squared": plain, "the larger": np.maximum(drawn_ends, plain)}
             for kind, ends in kinds.items():
-                shares = (at <= ends).mean(axis=0)
-                limits = [wilson(share, len(own)) for share in shares]
+                counts = (at <= ends).sum(axis=0)
+                shares = counts / len(own)
+                limits = [binomtest(int(count), len(own)).proportion_ci(0.99, "wilson") for count in counts]
                 words = [f"{free} {share:.3f} ({low:.3f} to {high:.3f}){'' if low <= level <= high else ' !'}"
                          for free, share, (low, high) in zip(FREE, shares, limits, strict=True)]  # fmt: skip
                 lines.append(f"{name or 'all'}, {len(own)}, {level:.0%}, {kind}: {'; '.join(words)}")
@@ -155,14 +156,6 @@ def rises(bench: Bench, fit: sg.MaterialFit) -> np.ndarray:
     return np.array([fit.profile(name, [truth[name]])[0] for name in fit.free])
 
 
-def wilson(share: float, count: int, level: float = 0.99) -> tuple[float, float]:
-    """Wilson's limits of an observed share."""
-    z = norm.isf((1 - level) / 2)
-    middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
-    half = z / (1 + z**2 / count) * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2))
-    return middle - half, middle + half
-
-
 def coverage(count: int, paths: int, sphere: bool) -> None:
     """Print how often intervals hold the truth."""
     rng = np.random.default_rng(11)
@@ -178,8 +171,9 @@ def coverage(count: int, paths: int, sphere: bool) -> None:
     for n, name in enumerate(FREE):
         every = np.concatenate(found)[:, n]
         for level in LEVELS:
-            share = float((every < chi2.ppf(level, 1)).mean())
-            low, high = wilson(share, len(every))
+            count = int((every < chi2.ppf(level, 1)).sum())
+            share = count / len(every)
+            low, high = binomtest(count, len(every)).proportion_ci(0.99, "wilson")
             told = "holds" if low <= level <= high else "DOES NOT HOLD"
             print(f"{name}: {level:.0%} interval holds {share:.3f} ({low:.3f} to {high:.3f}): {told}", flush=True)
     print(f"p < .05 in {np.mean(np.array(chances) < 0.05):.3f}", flush=True)

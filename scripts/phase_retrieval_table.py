@@ -21,10 +21,10 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from scipy.stats import binomtest
 from torch import Tensor
 
 from specklegen.core.parallel import one_torch_thread
-from specklegen.core.statistics import wilson
 from specklegen.datasets import load_recipe
 from specklegen.datasets.objects import Glyphs, ObjectFamily, Photographs, Points
 from specklegen.datasets.recipes.hidden_object import HiddenObject
@@ -220,7 +220,7 @@ def chosen_score(row: tuple) -> float:
 
 def interval(successes: int, n: int) -> str:
     """Success rate with Wilson's 95 % interval, in percent."""
-    low, high = wilson(successes, n)
+    low, high = binomtest(successes, n).proportion_ci(method="wilson")
     return f"{100 * successes / n:.0f} ({100 * low:.0f}–{100 * high:.0f})"
 
 

@@ -22,10 +22,10 @@ import numpy as np
 import torch
 from _rows import write_rows
 from perturbed_benches import BENCHES, bench
+from scipy.stats import binomtest
 from speckle_test_table import PICTURES, Shape, area
 
 from specklegen.core.errors import RuleError
-from specklegen.core.statistics import wilson
 from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.measured import read_measurement
@@ -208,7 +208,7 @@ def judge(file: Path, count: int, workers: int, others: int = 0, seed: int = 12)
     taken = told != "no speckle"
     clear = taken & ((stated > CLEAR) | (stated < 1 - CLEAR))
     right = int((worked == (stated > 0.5))[clear].sum())
-    low, high = wilson(right, int(clear.sum())) if clear.any() else (0.0, 1.0)
+    low, high = binomtest(right, int(clear.sum())).proportion_ci(method="wilson") if clear.any() else (0.0, 1.0)
     lines += ["", f"Clear cases right: {right} of {clear.sum()}, {low:.2f} to {high:.2f} (Wilson, 95 %). "
               f"Sum of squares of probability less outcome: {np.square(stated - worked)[taken].sum():.1f} "
               f"of {taken.sum()}."]  # fmt: skip

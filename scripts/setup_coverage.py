@@ -35,9 +35,9 @@ import numpy as np
 from _rows import write_rows
 from scipy import fft
 from scipy.optimize import least_squares
+from scipy.stats import binomtest
 
 import specklegen as sg
-from specklegen.core.statistics import wilson
 from specklegen.datasets import load_recipe
 from specklegen.datasets.objects.family import ListedFamily, Source
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
@@ -327,7 +327,7 @@ def table(file: Path) -> str:
             held = (number["low"] <= number["truth"]) & (number["truth"] <= number["high"])
             closed = np.isfinite(number["high"]) & (number["low"] > 0)
             off = np.log(number["range"] / number["truth"])[closed]
-            low, high = wilson(int(held.sum()), len(own))
+            low, high = binomtest(int(held.sum()), len(own)).proportion_ci(method="wilson")
             open_above = np.isinf(number["high"]).sum()
             wrong = 100 * (number["grain"] / number["grain_truth"] - 1)
             right = sum(row["iris"] == row["iris_truth"] for row in own)

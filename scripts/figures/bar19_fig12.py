@@ -19,7 +19,6 @@ import torch
 from _command import run
 from scipy.stats import binomtest
 
-from specklegen.core.statistics import wilson
 from specklegen.datasets.objects import Points
 from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.models.metrics import align, pearson
@@ -88,7 +87,7 @@ def mean(values: np.ndarray) -> str:
 def rate(values: np.ndarray) -> str:
     """Share above 0.8 with Wilson's 95 % interval, percent, and the mean."""
     good, n = int((values > 0.8).sum()), len(values)
-    low, high = wilson(good, n)
+    low, high = binomtest(good, n).proportion_ci(method="wilson")
     return f"{100 * good / n:.0f} % ({100 * low:.0f}–{100 * high:.0f}), mean {values.mean():.3f}"
 
 

@@ -1,12 +1,10 @@
-"""Measured statistics, each with its error: from independent batches, or for a share from its count."""
+"""Measured statistics, each with its error from independent batches."""
 
 from collections.abc import Callable
 from math import prod
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
-
-from specklegen.core.errors import reject
 
 BATCHES = 64
 """Independent batches behind every standard error; fewer give the heavy tails of Student's t."""
@@ -128,32 +126,3 @@ def autocorrelation(image: np.ndarray) -> np.ndarray:
     lags = np.asarray(correlate(fluctuation, fluctuation, method="fft"), dtype=np.float64) / pairs
     peak = lags[lags.shape[0] // 2, lags.shape[1] // 2]
     return lags / peak if peak > 0 else lags
-
-
-def wilson(successes: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Ends of Wilson's score interval of a success rate: the rates p that ``successes / n`` lies z sigma(p) away from.
-
-    It stays between 0 and 1, and covers at its confidence on average even where few succeed or fail.
-    Source: Wilson, Journal of the American Statistical Association 22, 209 (1927); Brown, Cai and DasGupta,
-    Statistical Science 16, 101 (2001).
-
-    Parameters
-    ----------
-    successes, n
-        Of independent trials.
-    confidence
-        Coverage.
-
-    Raises
-    ------
-    RuleError
-        If there are no trials, more successes than trials, or the confidence is not between 0 and 1.
-    """
-    if not 0 <= successes <= n or n < 1:
-        reject("wilson successes", "from 0 to n, n at least 1", (successes, n))
-    if not 0 < confidence < 1:
-        reject("wilson confidence", "between 0 and 1", confidence)
-    z = float(ndtri((1 + confidence) / 2))
-    middle = (successes + z**2 / 2) / (n + z**2)
-    half = z / (n + z**2) * (successes * (n - successes) / n + z**2 / 4) ** 0.5
-    return max(middle - half, 0.0), min(middle + half, 1.0)  # rounding
