@@ -47,12 +47,11 @@ NOT_RUN = {
     "python scripts/build/make_wave_images.py": "ten minutes; test_waves.py makes one of its images",
     "specklegen evaluate runs/(unet/best.pt runs/dense|material)/best.pt": "models of runs of an hour",
     "python scripts/error_vs_time.py.*": "references take hours, and pages of the repository are written",
-    "python scripts/(figures/tan13|reproduce_figures|wave_openings).py .*": "hours; test_reproduce_figures.py",
-    "python scripts/(plan_accuracy|wavetracing_benchmark).py": "its answer is times, on a quiet machine",
+    "python scripts/(figures/tan13|reproduce_figures).py .*": "hours; test_reproduce_figures.py",
+    "python scripts/plan_accuracy.py": "its answer is times, on a quiet machine",
     "python scripts/gpu_benchmark.py .*": "its answer is times, on a quiet machine",
     "python tests/stability_report.py --slow": "an hour; test_stability.py runs its rows",
     "python scripts/build/train_(any_object|through_slab).py.*": "an hour or more",
-    "python scripts/any_object_table.py .*": "an hour",
     "python scripts/build/fit_recoverability.py (simulate|recipes) .*": "minutes to hours",
 }
 """Commands that are not run here, and why; those of scripts are checked for their options."""
@@ -61,7 +60,6 @@ SHORTENED = {
     "specklegen train .*": "--epochs 1 --validation-samples 8 --set samples.train=64 --batch-size 16",
     "specklegen evaluate.*": "--samples 4 --restarts 1",
     "specklegen generate (?!.*--samples (96|128|256)).*": "--samples 64",
-    "python scripts/phase_retrieval_table.py .*": "--quick",
 }
 """Commands that take many minutes as they are printed, and what is added to them here."""
 

@@ -125,6 +125,6 @@ def test_no_certificate_for_what_is_no_speckle(judged):
 
 
 def test_scores_order_them(judged):
-    """Area under the curve; .998 over the whole table of scripts/speckle_test_table.py."""
+    """Area under the curve; .998 over the whole table of docs/likelihood.md."""
     true, none = ([one.speckle.score for one in part] for part in judged)
     assert np.mean(np.array(none)[:, None] > np.array(true)) > 0.95
