@@ -104,7 +104,7 @@ def tail_factor(deviations: np.ndarray) -> np.ndarray:
     by most samples, which show too little variance, though not on average: 1.5 standard errors of the variance are
     added to it (by one the median of what is stated would be about right, but samples that are low state less than
     others). What is left of the doubt is Student's: the variance is known as that of nu + 1 normal deviations is, with
-    2 / nu its relative variance. Measured by ``scripts/interval_coverage.py``.
+    2 / nu its relative variance. Measured in docs/trust.md.
     """
     n, one = len(deviations), 1 / effective_count(deviations)
     added = 1.5 * np.sqrt(np.maximum(one - 3 / max(n, 1), 0))

@@ -5,7 +5,7 @@ serve every albedo. As the atlas does with distances, a table keeps the distribu
 their quantiles: ln(mean) in bins of fixed shares, narrow at both ends, of the momentum transfer Y and of the length
 beyond the thickness, in thicknesses. It writes ``specklegen/data/paths-henyey-greenstein.npz``.
 
-    python scripts/make_path_tables.py --out specklegen/data --work build/paths
+    python scripts/build/make_path_tables.py --out specklegen/data --work build/paths
 """
 
 import argparse

@@ -5,7 +5,7 @@ light that goes straight on (delta-M: Wiscombe, J. Atmos. Sci. 34, 1408 (1977)).
 ``specklegen/data/transmittance-henyey-greenstein.npz``: ln(transmittance) float32[D, G, A], unscattered light included,
 and the nodes of absorption, closer than the atlas's where there is little.
 
-    python scripts/make_transmittances.py --out specklegen/data
+    python scripts/build/make_transmittances.py --out specklegen/data
 """
 
 import argparse
