@@ -1,12 +1,12 @@
-"""Error against run time of every sampler on every scene, and docs/performance.md from it.
+"""Error against run time of every sampler on every scene: the tables and figures of docs/performance.md.
 
     python scripts/error_vs_time.py                  # all scenes and the calibration: some 15 minutes on two idle cores
     python scripts/error_vs_time.py --quick          # rough curves of short runs, no calibration: under two minutes
     python scripts/error_vs_time.py --scenes NAME    # some scenes, no calibration; what is stored of others stays
-    python scripts/error_vs_time.py --tables-only    # write the page anew from the stored CSV files
+    python scripts/error_vs_time.py --tables-only    # write the tables anew from the stored CSV files
     python scripts/error_vs_time.py --references     # freeze the right values anew; eleven minutes
 
-The page also takes docs/performance/benchmark.json, which ``python scripts/benchmark.py --json`` writes. Every method
+The tables also take docs/performance/benchmark.json, which ``python scripts/benchmark.py --json`` writes. Every method
 runs on one thread; two scenes run side by side. Results other than times are functions of the seeds.
 """
 
@@ -22,7 +22,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import fields
 from pathlib import Path
 
-from error_time import machine, page, references
+from error_time import machine, references, tables
 from error_time.calibration import RUNS, Calibrated, calibrate
 from error_time.runs import BUDGETS, Row, run
 from error_time.scenes import SCENES
@@ -66,13 +66,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if options.calibration_only or not (options.quick or len(options.scenes) < len(SCENES)):
             with tqdm(unit="sampler") as bar:
                 found = list(calibrate(RUNS, lambda what: (bar.set_description(what), bar.update())))
-            page.write_table(options.out / "calibration.csv", Calibrated._fields, [each._asdict() for each in found])
-    print(page.write(options.out))
+            tables.write_table(options.out / "calibration.csv", Calibrated._fields, [each._asdict() for each in found])
+    print(tables.write(options.out))
 
 
 def measure(names: Sequence[str], longest: float, budgets: int, workers: int, out: Path) -> None:
     """Run scenes side by side; rows and circumstances of each replace what is stored of it, as soon as it is done."""
-    stored, about = page.stored_rows(out), machine.stored(out)
+    stored, about = tables.stored_rows(out), machine.stored(out)
     longest_of = {name: longest * (4 if name in THOROUGH else 1) for name in names}
     started = time.perf_counter()
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
@@ -82,7 +82,7 @@ def measure(names: Sequence[str], longest: float, budgets: int, workers: int, ou
             stored = [row for row in stored if row.scene != name] + job.result()
             stored.sort(key=lambda row: list(SCENES).index(row.scene))
             about[name] = machine.circumstances() | {"longest": longest_of[name]}
-            page.write_table(out / "error-vs-time.csv", [*(f.name for f in fields(Row)), "efficiency"],
+            tables.write_table(out / "error-vs-time.csv", [*(f.name for f in fields(Row)), "efficiency"],
                   [row.written() for row in stored])  # fmt: skip
             machine.store(out, about)
     print(f"{len(names)} scenes in {(time.perf_counter() - started) / 60:.1f} minutes")

@@ -1,1 +1,1 @@
-"""Error against run time: scenes, methods, references, runs, and the page that is written from them."""
+"""Error against run time: scenes, methods, references, runs, and the tables that are made of them."""

@@ -32,11 +32,6 @@ def _processor() -> str:
         return platform.machine()
 
 
-def busy(about: dict[str, str | float]) -> bool:
-    """Whether more ran than two scenes side by side."""
-    return float(about["load"]) > 2.5
-
-
 def stored(folder: Path) -> dict[str, dict]:
     """Circumstances by scene."""
     path = folder / _FILE

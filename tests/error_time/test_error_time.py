@@ -1,9 +1,9 @@
 """Benchmarking: slopes and crossings of synthetic curves, what runs imply, the reported errors, the compare command."""
 
 import csv
-import json
 import mmap
 import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from zscore import assert_z, limit
 
 import specklegen as sg
-from scripts.error_time import calibration, page, references, words
+from scripts.error_time import calibration, references, tables
 from scripts.error_time.runs import Row, judged, quantities
 from scripts.error_time.scenes import SCENES
 from specklegen.cli.commands import app
@@ -241,7 +241,7 @@ def test_judgement():
 
 def synthetic_rows(scene="transmission-g0-od10", bias=0.0) -> list[Row]:
     rows = []
-    for quantity in page.QUANTITIES:
+    for quantity in tables.QUANTITIES:
         for method, price, bent in (("paths", 1e-6, 0.0), ("stationary", 5e-7, bias)):
             for n in range(6):
                 count = 1024 * 4**n
@@ -253,67 +253,49 @@ def synthetic_rows(scene="transmission-g0-od10", bias=0.0) -> list[Row]:
 
 def test_page_finds_slope_and_crossing():
     rows = synthetic_rows(bias=0.01)
-    fitted = page.trends(page.curves(rows, "transmission-g0-od10", "intensity")["paths"])
+    fitted = tables.trends(tables.curves(rows, "transmission-g0-od10", "intensity")["paths"])
     assert fitted is not None
     assert fitted[1].slope == pytest.approx(-0.5, abs=0.05)
-    crossed = page.found_crossings(rows, "transmission-g0-od10", "intensity")
+    crossed = tables.found_crossings(rows, "transmission-g0-od10", "intensity")
     assert [each[:2] for each in crossed] == [("paths", "stationary")]
-    assert "stationary ends level" in page.crossings(rows)
-    assert not page.found_crossings(synthetic_rows(), "transmission-g0-od10", "intensity")
+    level = [
+        name
+        for name, found in tables.curves(rows, "transmission-g0-od10", "intensity").items()
+        if tables.ends_level(found)
+    ]
+    assert level == ["stationary"]
+    assert not tables.found_crossings(synthetic_rows(), "transmission-g0-od10", "intensity")
 
 
-def test_curves_that_fall_have_not_ended_level():
-    assert words.crossing("stationary", "naive Algorithm 2", []) == words.GENERAL
-    closed = "single scattering, closed form"
-    assert words.crossing("paths", closed, [closed]) == words.STOPS[closed]
-    level = {
-        method
-        for method, found in page.curves(synthetic_rows(bias=0.01), "transmission-g0-od10", "intensity").items()
-        if page.ends_level(found)
-    }
-    assert level == {"stationary"}
-
-
-def test_page_says_how_long_runs_were():
-    about = {name: {"machine": "m", "commit": "c", "load": 1.0, "longest": 1.0} for name in ("one", "two", "three")}
-    about["two"]["longest"] = 4.0
-    about["three"]["note"] = "a budget measured apart."
-    found = page.introduction(list(about), about)
-    assert "runs of 1 s, 4 s (two);" in found
-    assert found.endswith("```\n\nthree: a budget measured apart.")
-
-
-def test_page_is_written_from_the_tables(tmp_path):
+def test_tables_and_figures_are_written_into_the_page(tmp_path):
     folder = tmp_path / "performance"
     folder.mkdir()
     rows = synthetic_rows()
-    page.write_table(folder / "error-vs-time.csv", list(rows[0].written()), [row.written() for row in rows])
-    assert [row.count for row in page.stored_rows(folder)] == [row.count for row in rows]
-    text = page.write(folder).read_text()
+    tables.write_table(folder / "error-vs-time.csv", list(rows[0].written()), [row.written() for row in rows])
+    assert [row.count for row in tables.stored_rows(folder)] == [row.count for row in rows]
+    shutil.copy(ROOT / "docs/performance/benchmark.json", folder)
+    headings = ["Runs", "Speed", "Slope", "Crossover points", "transmission-g0-od10"]
+    (tmp_path / "performance.md").write_text(
+        "".join(f"## {name}\n\nWords.\n\n| old |\n| --- |\n\n" for name in headings)
+    )
+    text = tables.write(folder).read_text()
     assert "| transmission-g0-od10 | paths | intensity |" in text
+    assert "| old |" not in text
+    assert text.count("\nWords.\n\n|") == len(headings)
     assert (folder / "transmission-g0-od10.png").stat().st_size > 10_000
 
 
-def test_every_missed_aim_has_its_reason_and_every_reason_its_row(tmp_path):
-    stored = json.loads((ROOT / "docs/performance/benchmark.json").read_text())
-    path = tmp_path / "benchmark.json"
+def test_a_page_without_a_place_for_a_table_is_refused():
+    with pytest.raises(RuleError, match="a table below the heading 'Slope'"):
+        tables.replaced("## Slope\n\nWords.\n\n## Speed\n\n| old |\n", "Slope", "| new |")
 
-    def text() -> str:
-        path.write_text(json.dumps(stored))
-        return page.ratios(path)
 
-    row = next(row for row in stored["rows"] if row["name"] == "path tracing, per scattering event")
-    row["median"] = 2 * row["aim"]
-    assert words.OBSTACLES[row["name"]] in text()
-    row["median"] = 0.5 * row["aim"]
-    assert words.OBSTACLES[row["name"]] not in text()
-    row["name"] += ", renamed"
-    with pytest.raises(RuleError, match="OBSTACLES"):
-        text()
-    row["name"], row["median"] = "path tracing, per scattering event", 2 * row["aim"]
-    stored["rows"].append(row | {"name": "a new row"})
-    with pytest.raises(RuleError, match="a new row"):
-        text()
+def test_the_bound_of_a_ratio_is_met_or_not():
+    row = {"median": 2.0, "must": 3.0, "aim": 1.0, "more_is_better": False}
+    assert [tables._bound(row, key) for key in ("must", "aim")] == ["≤ 3: yes", "≤ 1: **no**"]
+    row["more_is_better"] = True
+    assert [tables._bound(row, key) for key in ("must", "aim")] == ["≥ 3: **no**", "≥ 1: yes"]
+    assert tables._bound(row | {"aim": None}, "aim") == ""
 
 
 def test_truths_of_the_calibration_are_ten_times_sharper_than_its_runs():
