@@ -27,11 +27,11 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 from scipy.special import logsumexp
+from scipy.stats import binomtest
 from torch import Tensor
 
 from specklegen.core.errors import RuleError, reject
 from specklegen.core.parallel import one_torch_thread
-from specklegen.core.statistics import wilson
 from specklegen.datasets import load_recipe, recipe_names
 from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.recipes.hidden_object import HiddenObject
@@ -322,7 +322,7 @@ def compared(path: Path, media: int = 12) -> str:
             divided, images, good = bool(int(row["compensation"])), int(row["images"]), int(row["successes"])
             told = [chances(logit(residual(c.replace(compensation=divided)))) for c in each]
             said, low, high = np.mean(told, axis=0)
-            rate, ends = good / images, wilson(good, images)
+            rate, ends = good / images, binomtest(good, images).proportion_ci(method="wilson")
             apart = "overlaps" if ends[0] <= high and low <= ends[1] else "outside"
             inside = "inside" if low <= rate <= high else apart
             lines.append(
@@ -399,7 +399,7 @@ def spans(table: Table, coefficients: np.ndarray) -> dict[str, tuple[float, floa
 def judged(name: str, table: Table, coefficients: np.ndarray) -> str:
     """How the verdicts on a table came out."""
     found = confusion(table, coefficients)
-    low, high = wilson(found.right, found.n)
+    low, high = binomtest(found.right, found.n).proportion_ci(method="wilson")
     rate, said = table.successes / table.media, share(odds(table, coefficients), coefficients[-1])
     spread = np.sqrt(np.mean(np.square(rate - said)))
     return (
