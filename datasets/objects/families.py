@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.values import Positive
+from specklegen.core.values import IDENTITY, Positive
 from specklegen.datasets.objects.family import AnyFamily, ObjectFamily, Source
 from specklegen.datasets.split import Purpose, Seed, Split, generator, substream
 
@@ -52,9 +52,9 @@ class Families(ObjectFamily):
             reject("Families.weights", f"one for each of {len(self.families)} families", self.weights)
         return self
 
-    def identity(self) -> dict:
+    def identity(self, context: dict[str, bool] | None = IDENTITY) -> dict[str, Any]:
         """Fields, and the identity of every family."""
-        return super().identity() | {"families": [family.identity() for family in self.families]}
+        return super().identity(context) | {"families": [family.identity(context) for family in self.families]}
 
     def member(self, seed: Seed, split: Split, index: int) -> int:
         """Number of the family of sample ``index``."""

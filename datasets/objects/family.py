@@ -35,7 +35,7 @@ from specklegen.core.memory import memory_limit
 from specklegen.core.registered import Registered, member_of
 from specklegen.core.registry import Registry
 from specklegen.core.shielded import shielded
-from specklegen.core.values import WITH_CONTENT, PositiveInt
+from specklegen.core.values import IDENTITY, PositiveInt
 from specklegen.datasets.split import (
     SPLITS,
     Purpose,
@@ -121,9 +121,9 @@ class ObjectFamily(Registered):
         images = np.stack([self.image(drawn.seed, drawn.split, n) for n in numbers])
         return torch.from_numpy(images).to(drawn.device)
 
-    def identity(self) -> dict:
-        """Everything that the pixels depend on, for the fingerprint of a data set."""
-        return self.model_dump(mode="json", context=WITH_CONTENT)
+    def identity(self, context: dict[str, bool] | None = IDENTITY) -> dict[str, Any]:
+        """Everything that the pixels depend on, for the fingerprint of a data set; see ``Recipe.physics``."""
+        return self.model_dump(mode="json", context=context)
 
     @abstractmethod
     def source(self, seed: Seed, split: Split, index: int) -> Source:

@@ -16,9 +16,10 @@ import hashlib
 from abc import abstractmethod
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from specklegen.core.errors import reject
+from specklegen.core.values import IDENTITY
 from specklegen.datasets.objects.family import ListedFamily, Source
 from specklegen.datasets.split import Split
 
@@ -131,10 +132,10 @@ class FileFamily(ListedFamily):
         """(SHA-256,) of each different file."""
         return tuple((digest,) for digest in self.files)
 
-    def identity(self) -> dict:
+    def identity(self, context: dict[str, bool] | None = IDENTITY) -> dict[str, Any]:
         """Fields less the path, and one hash of all the files instead; of a tree, one of their labels too."""
         contents = hashlib.sha256("".join(sorted(self.files)).encode()).hexdigest()
-        stated = {**self.model_dump(mode="json", exclude={"path"}), self._plural: contents}
+        stated = {**self.model_dump(mode="json", exclude={"path"}, context=context), self._plural: contents}
         if self._labels:
             listing = "".join(f"{digest} {self._labels[digest]}\n" for digest in sorted(self._labels))
             stated["labels"] = hashlib.sha256(listing.encode()).hexdigest()

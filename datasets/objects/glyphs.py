@@ -72,11 +72,6 @@ class Glyphs(ListedFamily):
         if set(self.test + self.validation) == set(CHARACTERS):
             reject("Glyphs.test", "such that characters are left to train on", self.test)
 
-    def identity(self) -> dict:
-        """Fields; characters that are not named are left out, as before they could be."""
-        stated = super().identity()
-        return {name: value for name, value in stated.items() if value or name not in ("test", "validation")}
-
     @cached_property
     def by_split(self) -> dict[Split, tuple[Source, ...]]:
         """Sources of each split: by the named characters, or dealt."""

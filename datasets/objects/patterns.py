@@ -30,11 +30,6 @@ class Points(DrawnFamily):
     count: Annotated[int, Field(ge=2)] = 5
     faintest: Annotated[float, Field(gt=0, le=1)] = 1.0
 
-    def identity(self) -> dict:
-        """Fields; a brightness that is not drawn is left out, as before it could be."""
-        stated = super().identity()
-        return {name: value for name, value in stated.items() if name != "faintest" or self.faintest < 1}
-
     def propose(self, rng: np.random.Generator) -> Source:
         """(row, column, row, column, ...) of the points, moved to touch the first row and column."""
         rows, columns = self.shape

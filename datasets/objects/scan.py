@@ -7,7 +7,7 @@ by speckle correlations). The places of the spots are known; the medium may be a
 """
 
 from math import prod
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -15,7 +15,7 @@ from pydantic import model_validator
 from specklegen.core.errors import reject
 from specklegen.core.memory import memory_limit
 from specklegen.core.random_streams import seed_words
-from specklegen.core.values import PositiveInt
+from specklegen.core.values import IDENTITY, PositiveInt
 from specklegen.datasets.objects.family import AnyFamily, ObjectFamily, Source
 from specklegen.datasets.split import Seed, Split
 
@@ -95,9 +95,9 @@ class Scan(ObjectFamily):
         page = self.page(seed, split, number)
         return spot_of(self.shape) * page[row : row + self.shape[0], column : column + self.shape[1]]
 
-    def identity(self) -> dict:
+    def identity(self, context: dict[str, bool] | None = IDENTITY) -> dict[str, Any]:
         """Fields, and the identity of the pictures."""
-        return super().identity() | {"of": self.of.identity()}
+        return super().identity(context) | {"of": self.of.identity(context)}
 
     def source(self, seed: Seed, split: Split, index: int) -> Source:
         """(split, index, seed): pages of two splits have no picture in common."""

@@ -15,7 +15,7 @@ from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import model_validator
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
@@ -28,7 +28,6 @@ from specklegen.datasets.recipes.parts.material import Material
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.instrument.mosaic import ANGLES, PolarisationMosaic
 from specklegen.memory_effects.polarised_fields import PolarisedCorrelation, estimate_polarised_correlation
-from specklegen.scene.layers import left_out
 from specklegen.scene.media import Slab
 from specklegen.scene.polarisation import Polarisers
 from specklegen.scene.scene import Scene
@@ -172,10 +171,6 @@ class AnalysedObject(HiddenObject):
     on_benches: ClassVar[bool] = False
     looked_up: ClassVar[bool] = False
     mosaic: PolarisationMosaic | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_mosaic(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return left_out(write(self), mosaic=self.mosaic is None)
 
     @model_validator(mode="after")
     def _check_analysers(self) -> Self:

@@ -13,7 +13,7 @@ from specklegen.core.display.plot import draw_images
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule
 from specklegen.core.shielded import shielded
-from specklegen.core.values import Value
+from specklegen.core.values import IDENTITY, Value
 from specklegen.datasets.distributions import Draw, ends, require_above
 from specklegen.datasets.objects import AnyFamily
 from specklegen.datasets.recipes.media import DrawnMedia, MediumView
@@ -127,9 +127,9 @@ class HiddenObject(Recipe):
         """Whether each medium has a window of its own."""
         return self.field is not None and self.field.pixels is not None
 
-    def physics(self) -> dict[str, Any]:
+    def physics(self, context: dict[str, bool] | None = IDENTITY) -> dict[str, Any]:
         """Everything that decides a pixel; a folder of pictures counts by its contents, not by its path."""
-        return super().physics() | {"objects": self.objects.identity()}
+        return super().physics(context) | {"objects": self.objects.identity(context)}
 
     @property
     def file_names(self) -> tuple[str, ...]:

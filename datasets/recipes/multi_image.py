@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, cast
 
 import numpy as np
-from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import model_validator
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
@@ -26,7 +26,6 @@ from specklegen.datasets.recipes.tilted import Tilted
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose
 from specklegen.samplers.screens.film import frame_correlation
-from specklegen.scene.layers import left_out
 from specklegen.scene.scene import Scene
 from specklegen.scene.window import Window
 
@@ -117,13 +116,6 @@ class Dynamics(Speed):
     def brownian(self) -> bool:
         """Whether particles move."""
         return self.model == "brownian"
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out what is not there, and the first model: the dynamics are the same without."""
-        missing = {name: getattr(self, name) is None for name in ("velocities", "interval", "diffusion", "tau0")}
-        return left_out(write(self), model=self.model == "autoregression", **missing)
-
 
 class DynamicSlab(HiddenObject):
     """Films of one object through a medium that changes.

@@ -20,7 +20,7 @@ from specklegen.core.devices import checked_device
 from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject
 from specklegen.core.registered import Registered, own_classes
-from specklegen.core.values import WITH_CONTENT, PositiveInt, Value
+from specklegen.core.values import IDENTITY, PositiveInt, Value
 from specklegen.datasets.distributions import ends
 from specklegen.datasets.recipes.parts.bench import Bench
 from specklegen.datasets.recipes.parts.diffuser import Diffuser
@@ -37,7 +37,7 @@ from specklegen.memory_effects.atlas import atlas_digest
 from specklegen.scene.illumination import Profile
 from specklegen.scene.sensors import FarFieldGrid
 
-DATA_VERSION = 6
+DATA_VERSION = 7
 """Raised by hand whenever pixels change; a golden test guards it."""
 
 PARAMETERS = ArraySpec(
@@ -338,11 +338,9 @@ class Specification(Registered, Pictured):
         # d k = 2 pi n d(lambda_0) / lambda_0^2, and lambda_0 = n wavelength
         return 2 * np.pi * self.light.bandwidth / (self.light.refractive_index * self.wavelength**2)
 
-    def physics(self) -> dict[str, Any]:
-        """Everything that decides a pixel."""
-        decided = self.model_dump(mode="json", exclude=COSMETIC, context=WITH_CONTENT) | {"data_version": DATA_VERSION}
-        if self.bench is None:  # fingerprints are what they were before there could be one
-            decided.pop("bench", None)
+    def physics(self, context: dict[str, bool] | None = IDENTITY) -> dict[str, Any]:
+        """Everything that decides a pixel; with ``context=None`` also the fields that equal their defaults."""
+        decided = self.model_dump(mode="json", exclude=COSMETIC, context=context) | {"data_version": DATA_VERSION}
         return decided | ({"atlas": atlas_digest(self.material.extremes())} if self.material.kernel == "atlas" else {})
 
     @cached_property

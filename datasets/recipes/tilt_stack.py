@@ -42,13 +42,6 @@ class TiltStack(Tilted):
     looked_up: ClassVar[bool] = True
     mode_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = _TOLERANCE
 
-    def physics(self) -> dict[str, Any]:
-        """Everything that decides a pixel; the tolerance only where it is not what it was before it could be given."""
-        decided = super().physics()
-        if self.mode_tolerance == _TOLERANCE:
-            decided.pop("mode_tolerance")
-        return decided
-
     def layout(self) -> Mapping[str, ArraySpec]:
         """Shape, type, axes and unit of every array of a sample."""
         shape = (self.tilts.count, *self.camera_shape)

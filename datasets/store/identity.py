@@ -56,7 +56,12 @@ def _leaves(value: Any, path: str = "") -> dict[str, Any]:
 
 
 def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """Name the fields in which two identities differ, with both values, one short line each."""
+    """Name the fields in which two identities differ, with both values, one short line each.
+
+    Of two data versions only the version is named: fields that equal their defaults may stand in one of them alone.
+    """
+    if there.get("data_version") != here.get("data_version"):
+        there, here = ({"data_version": each.get("data_version")} for each in (there, here))
     old, new = _leaves(there), _leaves(here)
     absent = object()
 

@@ -1,5 +1,6 @@
 """The layout of a store: what its arrays are, found from the recipe, and an empty store of it on the disk."""
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 
 from specklegen.core.libraries import library_versions
 from specklegen.core.memory import require_memory
+from specklegen.datasets.recipes.specification import Specification
 from specklegen.datasets.sample_schema import ArraySpec, Renderable, stored_arrays
 from specklegen.datasets.store import file_names, metadata
 from specklegen.datasets.store.identity import fingerprint
@@ -66,6 +68,12 @@ def rendering_note(recipe: Renderable) -> str:
     return str(getattr(recipe, "rendering_note", ""))
 
 
+def whole_recipe(recipe: Renderable, identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Return all fields of a recipe, for readers of a store: the identity leaves out what equals its default."""
+    whole = recipe.physics(context=None) if isinstance(recipe, Specification) else {}
+    return {**identity, **json.loads(json.dumps(whole), parse_constant=str)}
+
+
 def layout_of(
     recipe: Renderable, wanted: Mapping[str, Any], samples: int, shard_samples: int | None, notes: str
 ) -> Layout:
@@ -88,7 +96,7 @@ def layout_of(
         "fingerprint": fingerprint(wanted),
         "recipe_fingerprint": recipe.fingerprint(),
         "identity": wanted,
-        "recipe": wanted["recipe"],
+        "recipe": whole_recipe(recipe, wanted["recipe"]),
         "arrays": list(arrays),
         "shard_samples": rows,
         "notes": notes,

@@ -150,7 +150,7 @@ def entry(results: "Results", function: str, **about: Any) -> Entry:
 
 def write_entry(file: Path, one: Entry) -> None:
     """Write an entry as JSON, numbers to a millionth."""
-    file.write_text(json.dumps(_rounded(json.loads(one.canonical_json())), indent=1, ensure_ascii=False) + "\n")
+    file.write_text(json.dumps(_rounded(one.model_dump(mode="json")), indent=1, ensure_ascii=False) + "\n")
 
 
 def _rounded(value: Any) -> Any:

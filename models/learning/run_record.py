@@ -81,7 +81,8 @@ def record(
     return json.loads(
         json.dumps(
             {
-                "training": json.loads(training.canonical_json()) | network_content(training.network),
+                "training": json.loads(training.canonical_json())
+                | {"epochs": training.epochs} | network_content(training.network),
                 "data": shown | dict(facts.get("data", {})),
                 "validation": held_out | dict(facts.get("validation", {})),
                 **begins,

@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import SerializationInfo, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.values import CONTENT, CONTENT_KEY, Value
+from specklegen.core.values import CONTENT_KEY, Value, for_identity
 
 _WRAPPED = (property, staticmethod, classmethod, cached_property)
 _MACHINERY = re.compile(r"__|_abc_|_\w*_$")
@@ -76,10 +76,9 @@ class Admitted(Value):
         return content_digest(self.content()) if is_own(type(self)) else ""
 
     @model_serializer(mode="wrap")
-    def _with_content(self, write: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
-        written = write(self)
-        wanted = bool(info.context) and info.context.get(CONTENT) and self.content_sha256
-        return written | {CONTENT_KEY: self.content_sha256} if wanted else written
+    def _written(self, write: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
+        written = super()._written(write, info)
+        return written | {CONTENT_KEY: self.content_sha256} if for_identity(info) and self.content_sha256 else written
 
     @model_validator(mode="wrap")
     @classmethod
@@ -136,7 +135,7 @@ def _parts(thing: Any, above: list[object]) -> Iterator[bytes]:
         plain = thing.detach().cpu().resolve_conj().resolve_neg().contiguous().reshape(-1)
         yield plain.view(sys.modules["torch"].uint8).numpy().tobytes()
     elif isinstance(thing, Value):
-        yield thing.canonical_json().encode()
+        yield thing.fingerprint().encode()
     elif isinstance(thing, Mapping):
         yield from _all("mapping", ((key, thing[key]) for key in sorted(thing, key=repr)), above)
     elif isinstance(thing, tuple | list):

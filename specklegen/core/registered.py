@@ -24,7 +24,6 @@ from pydantic import (
 from specklegen.core.content import Admitted, is_own
 from specklegen.core.errors import reject
 from specklegen.core.registry import Registry
-from specklegen.core.values import CONTENT, CONTENT_KEY
 
 
 class Registered(Admitted):
@@ -90,13 +89,10 @@ class Registered(Admitted):
         return table
 
     @model_serializer(mode="wrap")
-    def _with_content(self, write: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
-        """Write the name and, where they are asked for, the content of a class of a user's own."""
-        written, cls = write(self), type(self)
-        if not is_own(cls):
-            return written
-        wanted = bool(info.context) and info.context.get(CONTENT)
-        return written | {cls.name_key: cls.class_name()} | ({CONTENT_KEY: self.content_sha256} if wanted else {})
+    def _written(self, write: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
+        """Write the name of a user's own class too, and its content for an identity."""
+        written, cls = super()._written(write, info), type(self)
+        return written | {cls.name_key: cls.class_name()} if is_own(cls) else written
 
 
 def _has(base: type, field: str) -> bool:

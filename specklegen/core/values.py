@@ -15,7 +15,19 @@ from typing import Annotated, Any, ParamSpec, Self, TypeVar, cast, get_args
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError, WithJsonSchema
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    SerializationInfo,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    WithJsonSchema,
+    model_serializer,
+)
+from pydantic.fields import FieldInfo
 
 from specklegen.core.display.signature import Legible, positional
 from specklegen.core.errors import RuleError, reject, shown
@@ -134,10 +146,27 @@ def _bare(message: str) -> str:
     return message.removeprefix("Value error, ").removeprefix("Input should be ")
 
 
-CONTENT, CONTENT_KEY = "content", "content_sha256"
-"""What asks for the content of parts of a user's own when a value is written, and the key that it is written under."""
-WITH_CONTENT = {CONTENT: True}
-"""Context in which values are written to be hashed; see :mod:`specklegen.core.content`."""
+CONTENT_KEY = "content_sha256"
+"""Key of the content of a user's own class (:mod:`specklegen.core.content`) in a value written for its identity."""
+IDENTITY = {"identity": True}
+"""Serialisation context of fingerprints: without fields that equal their defaults, with the content of own classes."""
+NAME_FIELDS = ("type", "kind")
+"""Fields that tell the members of a union apart: part of every identity, although each equals its default."""
+
+
+def for_identity(info: SerializationInfo) -> bool:
+    """Return whether a value is written for its fingerprint, and not for a reader."""
+    return bool(info.context) and "identity" in info.context
+
+
+def equals_default(value: Any, field: FieldInfo | None) -> bool:
+    """Return whether a field has its default value: arrays by their elements, and True is not 1."""
+    if field is None or field.is_required():
+        return False
+    default = field.get_default(call_default_factory=True)
+    if isinstance(value, np.ndarray) or isinstance(default, np.ndarray):
+        return type(value) is type(default) and np.array_equal(value, default)
+    return isinstance(value, bool) == isinstance(default, bool) and bool(value == default)
 
 
 def _one_zero(value: Any, levels: int = 8) -> Any:
@@ -172,6 +201,18 @@ class Value(BaseModel, metaclass=Legible):
     def __dir__(self) -> list[str]:
         return sorted({*dir(type(self)), *type(self).model_fields})
 
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
+        """Write the fields; for an identity, those that differ from their defaults (see :meth:`canonical_json`)."""
+        written = write(self)
+        if not for_identity(info):
+            return written
+        for name, field in type(self).model_fields.items():
+            if name not in NAME_FIELDS and equals_default(getattr(self, name), field):
+                written.pop(name, None)
+                written.pop(field.alias, None)
+        return written
+
     def __setattr__(self, name: str, value: Any) -> None:
         try:
             super().__setattr__(name, value)
@@ -179,17 +220,22 @@ class Value(BaseModel, metaclass=Legible):
             raise broken_rules(type(self).__name__, error, type(self)) from None
 
     def canonical_json(self) -> str:
-        """Write the value as JSON with sorted keys and shortest round-trip numbers; equal values, equal text."""
+        """Write the identity of the value as JSON: sorted keys, shortest round-trip numbers; equal values, equal text.
+
+        Fields that equal their defaults are left out, except ``type`` and ``kind``. So a new field with a default
+        changes the identity of no value that was written before.
+        """
         return self._canonical_json
 
     @cached_property
     def _canonical_json(self) -> str:
-        written = self.model_dump(mode="json", by_alias=True, context=WITH_CONTENT)
+        written = self.model_dump(mode="json", by_alias=True, context=IDENTITY)
         return json.dumps(written, sort_keys=True, separators=(",", ":"))
 
     def fingerprint(self) -> str:
-        """Return the SHA-256 of the canonical JSON, in hexadecimal."""
-        return hashlib.sha256(self.canonical_json().encode()).hexdigest()
+        """Return the SHA-256 of the canonical JSON, and of the class's name where no field tells it, in hexadecimal."""
+        name = type(self).__name__ if type(self).model_fields.keys().isdisjoint(NAME_FIELDS) else ""
+        return hashlib.sha256(f"{name}{self.canonical_json()}".encode()).hexdigest()
 
     def to_toml(self) -> str:
         """Write the value as TOML."""

@@ -33,7 +33,7 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from specklegen.core.arguments import instance, real_array
 from specklegen.core.errors import reject, warn_user
@@ -137,19 +137,6 @@ class LabSetup(Value):
     def _plain(cls, fields: Any) -> Any:
         """Lengths that are written with units, as numbers."""
         return plain_lengths("LabSetup", fields, LAB_LENGTHS) if isinstance(fields, Mapping) else fields
-
-    @model_serializer(mode="wrap")
-    def _without_matched_faces(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out what is said of faces where there is no step: such a laboratory is the same without them."""
-        content = write(self)
-        if self.refractive_index == 1 and self.wall is None and self.faces == "fresnel":
-            content.pop("faces", None)
-        if self.wall is None:
-            content.pop("wall", None)
-        for name in ("focus", "objective", "magnification", "numerical_aperture"):
-            if content.get(name, 0) is None:
-                content.pop(name)
-        return content
 
     @model_validator(mode="after")
     def _check(self) -> Self:

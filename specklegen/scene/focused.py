@@ -16,7 +16,7 @@ import math
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from specklegen.core.arguments import positive_number, real_array
 from specklegen.core.errors import reject
@@ -79,12 +79,6 @@ class FocusedBeams(Light):
         if self.aperture is None and self.waist is None:
             reject("FocusedBeams.aperture", "given, or else waist", None, "Say how tightly the beams are focused.")
         return self
-
-    @model_serializer(mode="wrap")
-    def _without_nothing(self, write: SerializerFunctionWrapHandler) -> dict:
-        """Leave out what is not given."""
-        content = write(self)
-        return {name: value for name, value in content.items() if value is not None}
 
     @property
     def vectors(self) -> np.ndarray:

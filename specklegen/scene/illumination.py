@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
@@ -201,15 +201,6 @@ class CollimatedBeams(Light):
         each = np.broadcast_to(given, count).copy()
         each.flags.writeable = False
         object.__setattr__(self, name, each)
-
-    @model_serializer(mode="wrap")
-    def _without_times(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out times that are not there: the beams are what they were before they could have any."""
-        content = write(self)
-        for name in ("times", "exposure", "sub_frames"):
-            if getattr(self, name) is None:
-                content.pop(name, None)
-        return content
 
     @property
     def coherent(self) -> bool:

@@ -23,8 +23,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import (
     Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
     model_validator,
 )
 
@@ -82,19 +80,10 @@ class Layer(Value):
             require_index("Layer.index", self.index)
         return self
 
-    @model_serializer(mode="wrap")
-    def _without_what_does_nothing(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return left_out(write(self), motion=self.motion is None, index=self.index is None)
-
     @property
     def optical_depth(self) -> float:
         """OD = thickness / mean_free_path: mean number of collisions straight through."""
         return self.thickness / self.mean_free_path
-
-
-def left_out(content: dict[str, Any], **nothing: bool) -> dict[str, Any]:
-    """Content of a value without the fields that do nothing: it is then what it was before it could have any."""
-    return {name: value for name, value in content.items() if not nothing.get(name)}
 
 
 class Bulk(Value):
@@ -373,12 +362,6 @@ class Layers(Stratified):
     layers: tuple[Layer, ...] = Field(min_length=1, kw_only=False)  # type: ignore[assignment]
     faces: Faces = Faces()
     polarisation: Polarisation = "scalar"
-
-    @model_serializer(mode="wrap")
-    def _without_what_does_nothing(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out faces that do nothing, as a slab does, and scalar light."""
-        return left_out(write(self), faces=self.faces.matched, polarisation=self.polarisation == "scalar")
-
 
 def merged(layers: Sequence[Layer]) -> list[Layer]:
     """Layers with neighbours of one kind made one."""

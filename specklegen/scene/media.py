@@ -7,10 +7,8 @@ import numpy as np
 from pydantic import (
     Discriminator,
     Field,
-    SerializerFunctionWrapHandler,
     Tag,
     field_validator,
-    model_serializer,
     model_validator,
 )
 
@@ -24,7 +22,6 @@ from specklegen.scene.layers import (
     PlaneParallel,
     Stratified,
     is_stratified,
-    left_out,
     merged,
     require_still_faces,
 )
@@ -123,11 +120,6 @@ class Slab(PlaneParallel):
         require_polarised("Slab", self.polarisation, self.scatterer, self.faces, self.motion)
         return self
 
-    @model_serializer(mode="wrap")
-    def _without_what_does_nothing(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        nothing = {"motion": self.motion is None, "polarisation": self.polarisation == "scalar"}
-        return left_out(write(self), faces=self.faces.matched, **nothing)
-
     @property
     def optical_depth(self) -> float:
         """OD = thickness / mean_free_path: mean number of collisions straight through."""
@@ -221,10 +213,6 @@ class Box(_Bounded):
         _require_corners("Box", self.lower, self.upper)
         _require_density("Box", self.mean_free_path)
         return self
-
-    @model_serializer(mode="wrap")
-    def _without_rest(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return left_out(write(self), motion=self.motion is None)
 
     @property
     def motions(self) -> tuple[Motion | None, ...]:
@@ -321,10 +309,6 @@ class VoxelGrid(_Bounded):
                    len(self.motion))  # fmt: skip
         fastest(self.motions)  # laws that are no factor apart are refused
         return self
-
-    @model_serializer(mode="wrap")
-    def _without_rest(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return left_out(write(self), motion=self.motion is None)
 
     @property
     def motions(self) -> tuple[Motion | None, ...]:

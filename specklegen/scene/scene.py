@@ -5,7 +5,7 @@ from functools import cached_property
 from typing import Annotated, Any, Self, cast
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject
@@ -13,7 +13,7 @@ from specklegen.core.values import Positive, Value
 from specklegen.scene.focused import FocusedBeams
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PlaneWaves, PointSources
 from specklegen.scene.imaging import Imaging
-from specklegen.scene.layers import PlaneParallel, left_out
+from specklegen.scene.layers import PlaneParallel
 from specklegen.scene.media import AnyMedium, Medium, Slab, as_slab, require_medium
 from specklegen.scene.motion import flow_rows, law_of, reduced_time
 from specklegen.scene.polarisation import Polarisers
@@ -71,11 +71,6 @@ class Scene(Value, Pictured):
     illumination: Illumination
     sensor: AnySensor
     polarisers: Polarisers | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_polarisers(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out polarisers where there are none: the scene is what it was before it could have any."""
-        return left_out(write(self), polarisers=self.polarisers is None)
 
     @model_validator(mode="after")
     def _finite_power(self) -> Self:

@@ -12,10 +12,10 @@ times the rms angle is far below xi.
 
 import math
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
+from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.values import Finite, NonNegative, Positive, Value
@@ -227,14 +227,6 @@ class ScreenStack(_Thin):
         if self.velocities is not None and len(self.velocities) != len(self.screens):
             reject("ScreenStack.velocities", f"{len(self.screens)} pairs (x, y), one a screen", self.velocities)
         return self
-
-    @model_serializer(mode="wrap")
-    def _without_rest(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out the velocities of screens that stand still: the stack is what it was before it could move."""
-        content = write(self)
-        if self.velocities is None:
-            content.pop("velocities", None)
-        return content
 
     @cached_property
     def stack(self) -> "ScreenStack":

@@ -4,7 +4,7 @@ import hashlib
 import json
 from typing import Any
 
-from specklegen.core.values import Value
+from specklegen.core.values import IDENTITY, Value
 
 _LENGTHS = {
     "wavelength": 1, "thickness": 1, "mean_free_path": 1, "width": 1, "radius": 1, "lower": 1, "upper": 1, "points": 1,
@@ -18,7 +18,7 @@ def unitless_fingerprint(value: Value, unit: float) -> str:
 
     Sines are rounded as lengths are: where one was computed, its last bit is the processor's.
     """
-    content = _unitless(value.model_dump(mode="json"), unit)
+    content = _unitless(value.model_dump(mode="json", context=IDENTITY), unit)
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

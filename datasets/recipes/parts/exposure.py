@@ -5,6 +5,7 @@ import torch
 
 from specklegen.core.content import is_own
 from specklegen.core.errors import reject
+from specklegen.core.values import equals_default
 from specklegen.datasets.split import Purpose
 from specklegen.instrument.camera import Camera, counted
 from specklegen.instrument.camera import exposed as own_counts
@@ -84,7 +85,9 @@ def numbers_of(camera: Camera) -> list[float]:
     RuleError
         If the camera has fields that batches do not know: their effect would be left out.
     """
-    unknown = sorted({*type(camera).model_fields} - {*FIELDS, *_BEFORE})
+    fields = type(camera).model_fields
+    new = fields.keys() - {*FIELDS, *_BEFORE}
+    unknown = sorted(name for name in new if not equals_default(getattr(camera, name), fields[name]))
     if unknown:
         reject("Recipe.exposure", "a camera of fields that batches know", unknown,
                "Add their effect to specklegen.datasets.recipes.parts.exposure.")  # fmt: skip

@@ -23,7 +23,7 @@ from itertools import product
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.values import Positive, Value
@@ -34,7 +34,7 @@ from specklegen.datasets.split import Split
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.stretching import relative_variance
 from specklegen.scene.faces import Faces, require_index
-from specklegen.scene.layers import Layer, Layers, left_out
+from specklegen.scene.layers import Layer, Layers
 from specklegen.scene.scatterers import HenyeyGreenstein
 
 _NUMBERS = ("thickness", "mean_free_path", "albedo")
@@ -65,11 +65,6 @@ class LayerDraws(Value):
     scatterer: Particles | None = None
     index: Draw | None = None
     at_rest: bool = False
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out an index and a rest that nobody asked for."""
-        return left_out(write(self), at_rest=not self.at_rest, index=self.index is None)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.values import NonNegative, Positive, Value
 from specklegen.datasets.split import Purpose
-from specklegen.scene.layers import left_out
 from specklegen.scene.polarisation import Polarisation
 from specklegen.synthesis.spectrum import Spectrum
 
@@ -61,12 +60,6 @@ class Light(Value):
             reject("Light.analyser", "left out where light is a scalar", self.analyser,
                    'Give polarisation = "projector" in a recipe of kind "analysed-object".')  # fmt: skip
         return self
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out polarisation and analyser of scalar light, which has none."""
-        scalar = self.polarisation == "scalar"
-        return left_out(write(self), polarisation=scalar, analyser=scalar)
 
     @property
     def analysers(self) -> tuple[Analyser, ...]:

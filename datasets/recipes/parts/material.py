@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import lru_cache
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import pilot_seed
@@ -142,14 +142,6 @@ class Material(Value):
                     reject(f"Material.by_split.{split}", f"within {self.by_split.parameter}, {low:g} to {high:g}",
                            (smallest, largest))  # fmt: skip
         return self
-
-    @model_serializer(mode="wrap")
-    def _without_matched_faces(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out faces that do nothing, as a slab does."""
-        content = write(self)
-        if self.faces.matched:
-            content.pop("faces", None)
-        return content
 
     @property
     def varies(self) -> bool:

@@ -22,9 +22,10 @@ from pydantic import (
 from specklegen.core.content import content_digest, is_own
 from specklegen.core.errors import reject
 from specklegen.core.registry import is_import_path
-from specklegen.core.values import CONTENT, CONTENT_KEY, WITH_CONTENT, broken_rules
+from specklegen.core.values import CONTENT_KEY, IDENTITY, NAME_FIELDS, broken_rules, equals_default, for_identity
 from specklegen.datasets.distributions import Draw, drawn, ends, is_draw
 from specklegen.scene.scatterers import AnyScatterer, Scatterer
+from specklegen.scene.scatterers.scatterer import scatterer_class
 
 _SCATTERER = TypeAdapter(AnyScatterer)
 _DRAW = TypeAdapter(Draw)
@@ -62,7 +63,7 @@ def _read(table: Any) -> ParticleTable:
     if isinstance(table, ParticleTable) and table.code:
         _require_code(table, extreme_scatterers(table)[0])
     if isinstance(table, Scatterer):
-        table = table.model_dump(context=WITH_CONTENT)
+        table = table.model_dump(context=IDENTITY)
     if not isinstance(table, Mapping) or not isinstance(table.get("type"), str):
         reject("Material.scatterer", 'a table with a type, such as {type = "HenyeyGreenstein", g = 0.9}', table)
     read = ParticleTable(
@@ -82,8 +83,15 @@ def _read(table: Any) -> ParticleTable:
 
 
 def _written(table: ParticleTable, write: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
-    wanted = bool(info.context) and info.context.get(CONTENT) and table.content
-    return write(table) | ({CONTENT_KEY: table.content} if wanted else {})
+    written = write(table)
+    if not for_identity(info):
+        return written
+    fields = scatterer_class(table["type"]).model_fields
+    decisive = {
+        name: value for name, value in written.items()
+        if name in NAME_FIELDS or not equals_default(value, fields.get(name))
+    }  # fmt: skip
+    return decisive | ({CONTENT_KEY: table.content} if table.content else {})
 
 
 def _content_of(table: Mapping[str, Any]) -> str:

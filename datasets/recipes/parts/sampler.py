@@ -8,7 +8,7 @@ from pydantic import PlainSerializer, PlainValidator, SerializationInfo, WithJso
 from specklegen.core.content import content_digest, is_own
 from specklegen.core.errors import reject
 from specklegen.core.registry import is_import_path
-from specklegen.core.values import CONTENT, CONTENT_KEY
+from specklegen.core.values import CONTENT_KEY, for_identity
 from specklegen.planning.planning import PACKAGED
 from specklegen.samplers.sampler import SAMPLERS, AnySampler, Sampler, asked_sampler
 
@@ -52,7 +52,7 @@ _asked.names = _NAMES  # type: ignore[attr-defined]  # which signatures show
 def _written(asked: AnySampler, info: SerializationInfo) -> object:
     if isinstance(asked, str):
         return asked
-    wanted = bool(info.context) and info.context.get(CONTENT)
+    wanted = for_identity(info)
     return {"type": asked.name, CONTENT_KEY: content_digest(asked)} if wanted else asked.name
 
 

@@ -242,6 +242,11 @@ AnyScatterer = Annotated[
 """A scatterer of any family, written with its type."""
 
 
+def scatterer_class(name: str) -> type[Scatterer]:
+    """Return the class of a type of scatterer known here."""
+    return _TYPES[name]
+
+
 def scatterer_types() -> list[str]:
     """Names of all types of scatterer known here."""
     return sorted(_TYPES)

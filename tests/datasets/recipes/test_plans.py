@@ -189,7 +189,7 @@ AREA = {"camera": {"shape": [64, 64], "pixels_per_grain": 2.0}, "window": {"widt
 def test_path_sums_of_a_narrow_window_have_the_contrast_that_is_told(more):
     """A grain and a quarter in a range: the window lies before the medium, and C_I does not enter at one view.
 
-    By Student's t over 60 media, false alarms 1e-6; the law of a window behind the medium is told apart.
+    By Student's t over 90 media, false alarms 1e-6; the law of a window behind the medium is told apart.
     """
     changes = {
         "media": "new", "material": {"kernel_paths": 20_000}, "window": {"width": 2000.0},
@@ -197,13 +197,13 @@ def test_path_sums_of_a_narrow_window_have_the_contrast_that_is_told(more):
         "field": {"pitch": 8e-5, "extent_over_range": None}, **more,
     }  # fmt: skip
     recipe, behind = (load_recipe("through-slab", {**changes, "sampler": name}) for name in ("paths", "stationary"))
-    samples = [recipe.sample(3, "train", n) for n in range(60)]
+    samples = [recipe.sample(3, "train", n) for n in range(90)]
     images = np.array([each["image"] for each in samples], float)
     found = np.square(images / images.mean() - 1).mean((1, 2))
     assert_mean(found - [each["parameters"]["expected_contrast"] ** 2 for each in samples], 0.0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        others = [behind.sample(3, "train", n)["parameters"]["expected_contrast"] for n in range(60)]
+        others = [behind.sample(3, "train", n)["parameters"]["expected_contrast"] for n in range(90)]
     with pytest.raises(AssertionError, match="z ="):
         assert_mean(found - np.square(others), 0.0)
 

@@ -254,14 +254,12 @@ def test_lab_setup_makes_a_scene():
 
 
 def test_faces_of_a_material_reach_its_slab():
-    """Written in the material or taken from the laboratory; matched ones leave a recipe as it was."""
+    """Written in the material or taken from the laboratory."""
     water = {"inside": 1.33, "outside": 1.0}
     plain, faced = load_recipe("through-slab"), load_recipe("through-slab", {"material": {"faces": water}})
     assert plain.material.extremes()[0].faces.matched
     assert all(slab.faces == Faces(inside=1.33) for slab in faced.material.extremes())
     assert faced.fingerprint() != plain.fingerprint()
-    same = load_recipe("through-slab", {"material": {"faces": {"inside": 1.33, "outside": 1.33}}})
-    assert same.fingerprint() == plain.fingerprint()
     assert load_recipe("through-slab-lab").material.faces == Faces(inside=1.4)
     oiled = load_recipe("through-slab-lab", {"lab": {"faces": "matched"}})
     assert oiled.material.faces.matched
@@ -404,7 +402,7 @@ def test_the_law_of_a_changing_slab_has_a_name():
     """It is the default and changes no fingerprint; another one, or one beside screens that move, is refused."""
     named = load_recipe("dynamic-slab")
     assert named.dynamics.model == "autoregression"
-    assert "model" not in named.model_dump()["dynamics"]
+    assert '"model"' not in named.canonical_json()
     with pytest.raises(RuleError, match="Dynamics.model must be one of autoregression"):
         load_recipe("dynamic-slab", {"dynamics": {"model": "ballistic"}})
     with pytest.raises(RuleError, match="Dynamics.model must be left out where velocities"):
@@ -413,34 +411,34 @@ def test_the_law_of_a_changing_slab_has_a_name():
 
 # First three pixels of the middle row (of the last image) of sample 0 of seed 0 of train, and the mean.
 GOLDEN = {
-    "any-object": (6, [0.9766359, 0.9419461, 0.9345398, 1.011487]),
-    "beyond-memory-effect": (6, [1.012861, 0.9831696, 0.955077, 0.9899852]),
-    "brownian-slab": (6, [0.782592, 0.8328703, 0.9128294, 1.01057]),
-    "characters-of-new-fonts": (6, [1.074071, 1.074169, 1.076377, 1.009583]),
-    "dynamic-slab": (6, [0.8362716, 0.8568907, 0.8751032, 1.015831]),
-    "flow-vessel": (6, [0.514697, 0.7424139, 0.1001982, 1.024402]),
-    "lsci-slab": (6, [1.193717, 3.06141, 3.2206, 0.9994475]),
-    "star-behind-slab": (6, [0.2241809, 0.4042057, 0.6492525, 0.9904732]),
-    "masked-light-slab": (6, [0.9003054, 0.7178764, 0.5626478, 1.020823]),
-    "material-regression": (6, [0.9491832, 0.8015926, 0.2490684, 1.045898]),
-    "one-angular-size": (6, [0.908139, 0.8600472, 0.8339479, 1.012123]),
-    "partially-coherent-slab": (6, [0.3752328, 0.4331968, 0.5647761, 0.9600337]),
-    "points-beyond-range": (6, [0.8973294, 0.662657, 0.7019178, 1.013835]),
-    "polarised-tissue": (6, [1.8772, 2.031662, 1.690525, 1.012332]),
-    "refocus-stack": (6, [0.169342, 0.09701688, 0.04099034, 0.299552]),
-    "registered-tilts": (6, [0.7689326, 0.228001, 0.03968719, 0.9849633]),
-    "through-slab": (6, [0.997582, 0.9944921, 0.9908804, 1.013013]),
-    "through-slab-lab": (6, [511, 491, 515, 468.8791]),
-    "tilt-stack": (6, [0.6978172, 0.3607269, 0.230323, 1.010583]),
-    "tissue-microscope": (6, [0.0865017, 0.04107215, 0.01648949, 0.2812585]),
-    "two-tilts": (6, [0.9040772, 0.8771752, 0.9430047, 0.9840416]),
-    "double-diffuser": (6, [0.9328063, 0.9142984, 0.9117794, 0.9967557]),
-    "ground-glass": (6, [1.1869577, 1.2275707, 1.232235, 1.0148024]),
-    "moving-diffuser": (6, [1.040494, 1.059963, 1.057312, 0.9894490]),
-    "screen-stack": (6, [0.9306133, 0.9122893, 0.9099829, 0.9967672]),
-    "unknown-slab": (6, [0.9316382, 0.9134352, 0.9114323, 0.996521]),
-    "wide-field": (6, [1.010835, 1.153527, 1.008224, 1.002375]),
-    "unseen-material": (6, [0.9295487, 0.9119015, 0.9108078, 0.9961757]),
+    "any-object": (7, [0.9766359, 0.9419461, 0.9345398, 1.011487]),
+    "beyond-memory-effect": (7, [1.000374, 0.9650478, 0.9601802, 0.9803326]),
+    "brownian-slab": (7, [0.7087883, 0.809357, 0.9011748, 1.010055]),
+    "characters-of-new-fonts": (7, [1.074071, 1.074169, 1.076377, 1.009583]),
+    "dynamic-slab": (7, [0.7764418, 0.8487779, 0.9052106, 1.015132]),
+    "flow-vessel": (7, [0.514697, 0.7424139, 0.1001982, 1.024402]),
+    "lsci-slab": (7, [1.221815, 1.087144, 4.70469, 1.018776]),
+    "star-behind-slab": (7, [0.232047, 0.4291241, 0.6934416, 0.9925156]),
+    "masked-light-slab": (7, [0.9491207, 0.7559811, 0.587053, 1.025188]),
+    "material-regression": (7, [0.9491832, 0.8015926, 0.2490684, 1.045898]),
+    "one-angular-size": (7, [0.908139, 0.8600472, 0.8339479, 1.012123]),
+    "partially-coherent-slab": (7, [0.3906497, 0.4650753, 0.6152182, 0.965831]),
+    "points-beyond-range": (7, [0.8973294, 0.662657, 0.7019178, 1.013835]),
+    "polarised-tissue": (7, [1.908316, 1.99683, 1.580259, 1.012428]),
+    "refocus-stack": (7, [0.06525835, 0.01863631, 0.00684472, 0.3208448]),
+    "registered-tilts": (7, [0.7689326, 0.228001, 0.03968719, 0.9849633]),
+    "through-slab": (7, [1.068246, 1.091962, 1.108055, 1.013611]),
+    "through-slab-lab": (7, [499, 480, 510, 468.5335]),
+    "tilt-stack": (7, [0.6978172, 0.3607269, 0.230323, 1.010583]),
+    "tissue-microscope": (7, [0.06778625, 0.04904509, 0.04535405, 0.3218234]),
+    "two-tilts": (7, [0.9794568, 1.047421, 1.056434, 0.9758672]),
+    "double-diffuser": (7, [0.9328063, 0.9142984, 0.9117794, 0.9967557]),
+    "ground-glass": (7, [1.1869577, 1.2275707, 1.232235, 1.0148024]),
+    "moving-diffuser": (7, [1.040494, 1.059963, 1.057312, 0.9894490]),
+    "screen-stack": (7, [0.9306133, 0.9122893, 0.9099829, 0.9967672]),
+    "unknown-slab": (7, [0.9316382, 0.9134352, 0.9114323, 0.996521]),
+    "wide-field": (7, [0.9751981, 1.074292, 0.9566098, 1.002382]),
+    "unseen-material": (7, [0.9295487, 0.9119015, 0.9108078, 0.9961757]),
 }
 
 

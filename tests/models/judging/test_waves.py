@@ -68,15 +68,15 @@ def test_the_mapping_tells_pairs_of_a_medium_and_the_memory_effect(every):
 
 
 def test_the_script_makes_these_images(script, every):
-    """The sample with the fewest lit pixels, wave by wave; transforms of other builds round otherwise."""
+    """The sample with the fewest lit pixels, wave by wave; the thickness is chosen by a range estimated to 1e-3."""
     lit = (every["object"] > 0).sum((1, 2))
     n = int(lit.argmin())
     hidden = script.objects()[n : n + 1]
     np.testing.assert_array_equal(hidden, waves.stored()["objects"][n : n + 1])
     (image,) = script.images(n // 2, hidden)
-    np.testing.assert_allclose(image, every["image"][n].numpy(), rtol=0, atol=2e-4 * image.max())
+    np.testing.assert_allclose(image, every["image"][n].numpy(), rtol=0, atol=6e-4 * image.max())
     slab = script.drawn_slab(n // 2).slab
-    assert slab.thickness == every["parameters"]["thickness"][n]
+    assert slab.thickness == pytest.approx(float(every["parameters"]["thickness"][n]), rel=1e-3)
     assert slab.scatterer.concentration == every["parameters"]["scatterer_concentration"][n]
 
 
