@@ -5,8 +5,9 @@ import numpy as np
 import specklegen as sg
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.layout import Layout, plane_layout, scene_layout
+from specklegen.paths.proposal import Proposal
 from specklegen.paths.roulette import slab_roulette
-from specklegen.paths.slab_tracer import Proposal, SlabTracer
+from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.samplers.path_sums.direct import direct_field
 
 

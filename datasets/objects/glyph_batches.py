@@ -1,56 +1,25 @@
 """Glyphs on a device: the outlines of all characters lie there once, a sample turns, scales, places and fills one."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 import torch
 
-from specklegen.datasets.addresses import Addresses
-from specklegen.datasets.objects.glyphs import Glyphs
-from specklegen.datasets.objects.outlines import outlines, place_of
-from specklegen.datasets.split import Purpose, Split
+from specklegen.datasets.objects.outlines import outlines
 from specklegen.kernels.coverage import fill_coverage
 from specklegen.synthesis.fused import fused
 
 
-@dataclass(frozen=True)
-class GlyphTables:
-    """Outlines on a device, each filled up to one length with edges of no extent.
-
-    Attributes
-    ----------
-    edges : float64[945, n, 4]
-    family : Glyphs
-    """
-
-    edges: torch.Tensor
-    family: Glyphs
-
-
 @lru_cache(maxsize=4)
-def glyph_tables(family: Glyphs, device: torch.device) -> GlyphTables:
-    """Bring the outlines to a device."""
+def glyph_edges(device: torch.device) -> torch.Tensor:
+    """Bring the outlines float64[945, n, 4] to a device, each filled up to one length with edges of no extent."""
     known = outlines()
     length = int(np.diff(known.starts).max())
     edges = np.empty((len(known.starts) - 1, length, 4))
     for place, row in enumerate(edges):
         own = known[place]
         row[: len(own)], row[len(own) :] = own, np.tile(own[-1, 2:], 2)
-    return GlyphTables(torch.from_numpy(edges).to(device), family)
-
-
-def glyph_images(family: Glyphs, drawn: Addresses, numbers: Sequence[int]) -> torch.Tensor:
-    """Objects float32[B, h, w] of samples."""
-    tables = glyph_tables(family, drawn.device)
-    places = drawn.put(glyph_places(family, drawn.seed, drawn.split, list(numbers)))
-    return glyphs(tables, places, drawn.uniforms(Purpose.OBJECT, numbers))
-
-
-def glyph_places(family: Glyphs, seed: int, split: Split, indices: list[int]) -> list[int]:
-    """Numbers of the outlines of samples: a table of each pass, made on the host."""
-    return [place_of(*map(str, family.source(seed, split, index))) for index in indices]
+    return torch.from_numpy(edges).to(device)
 
 
 @fused(
@@ -103,17 +72,21 @@ def coverage(edges: torch.Tensor, rows: int, columns: int) -> torch.Tensor:
     return (height * share).sum(1).abs().clamp(max=1)
 
 
-def glyphs(tables: GlyphTables, place: torch.Tensor, uniform: torch.Tensor) -> torch.Tensor:
-    """Objects float32[B, h, w] with a peak of 1, from places int64[B] and the four draws float64[B, 4] of each."""
-    family = tables.family
-    rows, columns = family.shape
-    limit = np.deg2rad(1.0) * family.rotation
+def glyphs(
+    place: torch.Tensor, uniform: torch.Tensor, shape: tuple[int, int], rotation: float, size: tuple[float, float]
+) -> torch.Tensor:
+    """Objects float32[B, h, w] with a peak of 1, from places int64[B] and the four draws float64[B, 4] of each.
+
+    Shape, largest rotation in degrees and range of sizes are those of the family.
+    """
+    rows, columns = shape
+    limit = np.deg2rad(1.0) * rotation
     angle = limit * (2 * uniform[:, 0] - 1)
-    edges = turned(tables.edges, place, angle)
+    edges = turned(glyph_edges(place.device), place, angle)
     ends = edges.unflatten(2, (2, 2)).flatten(1, 2)
     low = ends.amin(1)
     extents = ends.amax(1) - low
-    small, large = family.size
+    small, large = size
     scale = (small + (large - small) * uniform[:, 1]) * min(rows, columns) / extents.amax(1)
     free = [side - scale * extents[:, axis] for axis, side in ((0, columns), (1, rows))]
     x = torch.where(free[0] > 0, free[0].clamp(min=0) * uniform[:, 2], 0.0)

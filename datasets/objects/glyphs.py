@@ -17,8 +17,8 @@ from pydantic import Field, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.values import NonNegative
 from specklegen.datasets.objects.family import ListedFamily, Source, place_within, source_key
-from specklegen.datasets.objects.outlines import CHARACTERS, FONTS, outline
-from specklegen.datasets.split import Split
+from specklegen.datasets.objects.outlines import CHARACTERS, FONTS, outline, place_of
+from specklegen.datasets.split import Purpose, Split
 from specklegen.kernels.coverage import fill_coverage
 
 if TYPE_CHECKING:
@@ -103,9 +103,11 @@ class Glyphs(ListedFamily):
         """Characters of samples, float32[B, h, w], drawn where they are wanted; of a class of one's own, here."""
         if not self.drawn_together:
             return super().images(drawn, numbers)
-        from specklegen.datasets.objects.glyph_batches import glyph_images
+        from specklegen.datasets.objects.glyph_batches import glyphs
 
-        return glyph_images(self, drawn, numbers)
+        sources = (self.source(drawn.seed, drawn.split, number) for number in numbers)
+        places = drawn.put([place_of(*map(str, source)) for source in sources])
+        return glyphs(places, drawn.uniforms(Purpose.OBJECT, numbers), self.shape, self.rotation, self.size)
 
     def picture(self, source: Source, rng: np.random.Generator) -> np.ndarray:
         """Character turned, scaled to its turned extent and put where it fits; float[h, w], area covered."""

@@ -17,28 +17,25 @@ from dataclasses import dataclass, replace
 from functools import partial
 from operator import index
 from threading import Lock
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import torch
 
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
+from specklegen.core.most_recent import MostRecent
 from specklegen.core.random_streams import Stream, seed_words
 from specklegen.core.shielded import shielded
 from specklegen.datasets.addresses import Addresses
-from specklegen.datasets.recipes.media import DrawnMedia, Rendering, planned_whole, renderings
+from specklegen.datasets.recipes.media import DrawnMedia, RecipeMedia, Rendering, planned_whole
 from specklegen.datasets.recipes.parts import exposure
 from specklegen.datasets.recipes.parts.light import Lit
 from specklegen.datasets.recipes.parts.sampler import number_of
-from specklegen.datasets.recipes.specification import Specification
 from specklegen.datasets.split import Split, split_number
 from specklegen.synthesis.graphs import Graphs, each_time
 from specklegen.synthesis.imaging import ImagedMedia, Imaging
 from specklegen.synthesis.modes import one_by_one
 from specklegen.synthesis.streams import Streams
-
-if TYPE_CHECKING:
-    from specklegen.datasets.recipes.recipe import Recipe
 
 CHUNK, CHUNK_BYTES = 64, 2**30
 """Samples of a chunk, and the memory that its largest tensors may take on a device; on the CPU a chunk is a sample."""
@@ -51,7 +48,7 @@ _KEPT_BYTES, _FIRST_BYTES = 2**22, 2**29
 else with their fields, where those do."""
 _SLOW_BYTES = 2**24
 """Spectra of more than these bytes are not kept on the CPU: an image takes less from fields."""
-_MOST_BYTES = 2**31  # of spectra on a device
+_MOST_BYTES = 2**31  # of spectra on a device, and of all that is kept of the generators of a process
 
 
 @dataclass(frozen=True)
@@ -97,11 +94,11 @@ class SpeckleGenerator:
 
     @shielded()
     def __init__(
-        self, recipe: "Recipe", seed: Any = 0, split: str = "train", device: str | torch.device = "cpu", *,
+        self, recipe: RecipeMedia, seed: Any = 0, split: str = "train", device: str | torch.device = "cpu", *,
         graphs: bool = True,
     ) -> None:  # fmt: skip
         split_number(split)
-        if not isinstance(recipe, Specification):
+        if not isinstance(recipe, RecipeMedia):
             reject("SpeckleGenerator.recipe", "a recipe of this library", type(recipe).__name__)
         counted = str(device) == "meta"  # holds no numbers: there, batches are counted
         self.device = torch.device(device) if counted else checked_device("SpeckleGenerator.device", device)
@@ -159,7 +156,7 @@ class SpeckleGenerator:
         groups: list[tuple[list[int], Any]] = []
         values: dict[str, list[tuple[list[int], torch.Tensor]]] = {}
         for places, media in parts:
-            for some, rendering in renderings(recipe, media):
+            for some, rendering in recipe.renderings(media):
                 of = media if len(some) == len(media) else media.at(some)
                 at = [places[n] for n in some]
                 groups += [([at[n] for n in own], imaging) for own, imaging in self._prepared(of, rendering)]
@@ -416,3 +413,14 @@ def _chunks(places: list[int], size: int) -> Iterator[list[int]]:
     for first in range(0, len(places), size):
         some = places[first : first + size]
         yield some + some[:1] * (size - len(some))
+
+
+_Key = tuple[RecipeMedia, tuple[int, ...], Split, str]
+GENERATORS: MostRecent[_Key, SpeckleGenerator] = MostRecent(_MOST_BYTES, held=SpeckleGenerator.held)
+"""Generators of this process that were asked for last: samples asked for one by one find the media before them."""
+
+
+def generator_of(recipe: RecipeMedia, seed: tuple[int, ...], split: Split, device: str) -> SpeckleGenerator:
+    """Return the generator of a recipe, ``seed_words``, split and device: the one that is cached, or a new one."""
+    key = (recipe, seed, split, device)
+    return GENERATORS.found(key, lambda: SpeckleGenerator(*key))

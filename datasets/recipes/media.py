@@ -5,19 +5,23 @@ What ``specklegen plan RECIPE`` prints is decided here, and is what runs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
+from specklegen.core.content import is_own
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.lazy import LazyModule
 from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import thread_count
+from specklegen.core.shielded import shielded
 from specklegen.core.values import remembered
 from specklegen.datasets.recipes.parts.viewing import Viewing
+from specklegen.datasets.recipes.specification import Specification
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import plan
 from specklegen.samplers.sampler import MediaRequest, Sampler
@@ -26,18 +30,21 @@ from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
 from specklegen.scene.screens import ScreenStack
 from specklegen.scene.sensors import FarFieldGrid
-from specklegen.scene.validity import IDEALISED
+from specklegen.scene.validity import IDEALISED, idealisations
 from specklegen.scene.window import Window
+from specklegen.synthesis.sight import Sight
 
 if TYPE_CHECKING:
     import torch
 
+    from specklegen.datasets.addresses import Addresses
+    from specklegen.datasets.recipes import materials as _materials
     from specklegen.datasets.recipes.materials import Materials
-    from specklegen.datasets.recipes.recipe import Recipe
+    from specklegen.datasets.recipes.parts.light import Lit
     from specklegen.synthesis.correlations import FilmBatch, Places
-    from specklegen.synthesis.sight import Sight
 else:
     torch = LazyModule("torch")
+    _materials = LazyModule("specklegen.datasets.recipes.materials")
 
 
 class Rendering(NamedTuple):
@@ -171,63 +178,246 @@ class DrawnMedia:
         return MediumView(slab, seen, sight.shape, pitch, self.tilts[place].cpu().numpy())
 
 
-def media_requests(recipe: Recipe, drawn: DrawnMedia) -> list[tuple[list[int], MediaRequest]]:
-    """What is asked of a sampler for media, and for which."""
-    window = Window(drawn.sight.profile, 1.0).area * drawn.sight.width.square()
-    requests = []
-    for places, light in drawn.materials.light(recipe.light, drawn.bandwidth, recipe.material.kernel_paths):
-        some = drawn if len(places) == len(drawn) else drawn.at(places)
-        request = MediaRequest(
-            sight=some.sight, correlations=some.materials.correlations, light=light,
-            tolerance=recipe.mode_tolerance, media=some.materials.slabs, moved=some.moved,
-            units=some.parameters["forward_radiance"] * window[places], shared=recipe.shares_media, film=some.film,
-        )  # fmt: skip
-        requests.append((places, request))
-    return requests
-
-
 @remembered(16)
 def planned_whole(scene: Scene, paths: int, sampler: type[Sampler]) -> Plan:
     """Plan of a sampler that is planned medium by medium, for a scene with every beam: path sums, beam by beam."""
     return plan(scene, paths=paths, sampler=sampler, streamed=True)
 
 
-def medium_plan(recipe: Recipe, view: Planned) -> Plan:
-    """Plan one medium: the sampler that its outermost beams allow; path sums, planned medium by medium, for all beams.
+class RecipeMedia(Specification):
+    """Media, lights and pictures of a recipe: what each kind says of them, and how the media are planned.
 
-    Raises
-    ------
-    RuleError
-        If path sums are needed, and have no model of what the recipe asks for.
+    :class:`~specklegen.datasets.recipes.generator.SpeckleGenerator` asks it, and
+    :class:`~specklegen.datasets.recipes.recipe.Recipe` makes samples of it.
     """
-    paths = recipe.material.kernel_paths
-    probe_plan = plan(view.probe, paths=paths, sampler=recipe.sampler, envelope=False)
-    if recipe.moving and not probe_plan.chosen.films and probe_plan.sampler != "paths":
-        reject("Recipe.sampler", "one that knows frames of media that move", probe_plan.sampler,
-               'Ask for sampler = "stationary".')  # fmt: skip
-    probe_plan = replace(probe_plan, decisions=told_by(recipe, view, probe_plan.decisions))
-    if not probe_plan.chosen.medium_by_medium:
-        return probe_plan
-    obstacle = recipe.path_sum_obstacle
-    if obstacle and probe_plan.sampler == "paths":
-        why = next((d.reason for d in probe_plan.decisions if d.part == "stationary sampler"), "asked for")
-        reject("Recipe", f"without {obstacle} where media are rendered by path sums", recipe.name,
-               f"The planner chose them: {why}. Widen the window, or ask for sampler = \"stationary\".")  # fmt: skip
-    return replace(planned_whole(view.full, paths, type(probe_plan.chosen)), decisions=probe_plan.decisions)
 
+    def extremes(self) -> Sequence[Planned]:
+        """List media at the ends of every range, looked at by the widest object and the most tilted beams."""
+        raise NotImplementedError
 
-def told_by(recipe: Recipe, view: Planned, decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
-    """Decisions about a scene, with what its recipe models beside it and does not."""
-    kept = tuple(decision for decision in decisions if decision.part not in IDEALISED)
-    return (*kept, *recipe.idealisations(view.probe))
+    def medium_plan(self, view: Planned) -> Plan:
+        """Plan one medium: the sampler that its outermost beams allow; path sums, planned by medium, for all beams.
 
+        Raises
+        ------
+        RuleError
+            If path sums are needed, and have no model of what the recipe asks for.
+        """
+        paths = self.material.kernel_paths
+        probe_plan = plan(view.probe, paths=paths, sampler=self.sampler, envelope=False)
+        if self.moving and not probe_plan.chosen.films and probe_plan.sampler != "paths":
+            reject("Recipe.sampler", "one that knows frames of media that move", probe_plan.sampler,
+                   'Ask for sampler = "stationary".')  # fmt: skip
+        physical = (decision for decision in probe_plan.decisions if decision.part not in IDEALISED)
+        probe_plan = replace(probe_plan, decisions=(*physical, *self.idealisations(view.probe)))
+        if not probe_plan.chosen.medium_by_medium:
+            return probe_plan
+        obstacle = self.path_sum_obstacle
+        if obstacle and probe_plan.sampler == "paths":
+            why = next((d.reason for d in probe_plan.decisions if d.part == "stationary sampler"), "asked for")
+            reject("Recipe", f"without {obstacle} where media are rendered by path sums", self.name,
+                   f'The planner chose them: {why}. Widen the window, or ask for sampler = "stationary".')  # fmt: skip
+        return replace(planned_whole(view.full, paths, type(probe_plan.chosen)), decisions=probe_plan.decisions)
 
-def by_one_sampler(plans: list[Plan]) -> list[Plan]:
-    """Plans of a recipe's media; where they disagree, by the other sampler of those that have one."""
-    if len({each.chosen.name for each in plans}) < 2:
-        return plans
-    pairs = [(each, each.chosen.instead(each.decisions)) for each in plans]
-    return [each if other is None else _planned_by(each, *other) for each, other in pairs]
+    @shielded()
+    def plans(self) -> list[Plan]:
+        """Plan the media at the ends of every range: ``specklegen plan`` prints these plans, and samples run by them.
+
+        Where the plans disagree, those that have another sampler take it.
+        """
+        plans = [self.medium_plan(view) for view in self.extremes()]
+        if len({each.sampler for each in plans}) < 2:
+            return plans
+        pairs = [(each, each.chosen.instead(each.decisions)) for each in plans]
+        return [each if other is None else _planned_by(each, *other) for each, other in pairs]
+
+    @cached_property
+    def rendering(self) -> Rendering | None:
+        """What renders all media of the recipe; None where plans do not agree. Carried to the workers.
+
+        Where the plans at the ends of its ranges agree, the same holds for what lies between: the stationary model
+        gets worse towards one end of every range.
+
+        Raises
+        ------
+        RuleError
+            If no sampler serves, or, where ``strict``, the one that is asked for is unfit.
+        """
+        plans = self.plans()
+        doubts = sorted({doubt for each in plans for doubt in each.doubts})
+        if doubts:
+            remedy = "" if self.sampler == "auto" else ' Leave the choice to sampler = "auto".'
+            if self.strict:
+                reject("Recipe.sampler", "fit for all media where strict = true", self.sampler, f"{doubts[0]}.{remedy}")
+            warn_user(f"recipe {self.name}: {doubts[0]}.{remedy}")
+        largest = max(plans, key=lambda each: each.expected_error)
+        agree = len({each.sampler for each in plans}) == 1
+        return Rendering(largest.expected_error, largest.chosen) if agree else None
+
+    def renderings(self, media: DrawnMedia) -> list[tuple[list[int], Rendering]]:
+        """Say what renders media, and which: as for all of the recipe, or as planned for each of them alone."""
+        if self.rendering is not None:
+            return [([*range(len(media))], self.rendering)]
+        plans = [self.medium_plan(media.view(n)) for n in range(len(media))]
+        return [([n], Rendering(each.expected_error, each.chosen)) for n, each in enumerate(plans)]
+
+    def idealisations(self, scene: Scene) -> list[Decision]:
+        """What a real set-up has and one of the recipe's scenes leaves out."""
+        index = self.light.refractive_index if self.lab is None else self.lab.refractive_index
+        known = self.lab is not None or index != 1
+        band = bool(self.light.bandwidth or (self.lab is not None and self.lab.bandwidth))
+        return idealisations(scene, refractive_index=index if known else None, band=band, halves=self.light.halves)
+
+    @property
+    def path_sum_obstacle(self) -> str | None:
+        """What the recipe asks for that path sums have no model of; None where they serve."""
+        band = self.light.bandwidth or (self.lab is not None and self.lab.wavenumber_bandwidth)
+        return "a bandwidth" if band else None
+
+    @property
+    def media_alike(self) -> bool:
+        """Whether media differ in nothing but what is drawn of their fields: one imaging serves them all."""
+        return not self.material.varies
+
+    @property
+    def frames(self) -> int:
+        """Frames of a sample in which the medium is another one."""
+        return 1
+
+    @property
+    def moving(self) -> bool:
+        """Whether particles move from frame to frame, so that frames are asked of a sampler together."""
+        return False
+
+    @property
+    def pictures(self) -> int:
+        """Images of a sample: frames, or tilts."""
+        return self.frames
+
+    def later_frames(self, drawn: Addresses, numbers: Sequence[int]) -> torch.Tensor | None:  # noqa: ARG002
+        """Keys int64[M, halves, F - 1, 2] of the fields of all frames but the first; None of media at rest."""
+        return None
+
+    def exposed(self, images: torch.Tensor) -> torch.Tensor:
+        """Pictures real[B, pictures, H, W] of the images of all frames or tilts real[B, T or F, H, W]."""
+        return images
+
+    def contrast_left(self, parameters: Mapping[str, Any]) -> Any:  # noqa: ARG002
+        """Share of the contrast of an instant that exposures leave, of numbers of media: float64[M], or 1."""
+        return 1.0
+
+    def polarisation_shares(self, parameters: Mapping[str, Any]) -> torch.Tensor | None:  # noqa: ARG002
+        """Shares float64[M, 2] of the light of media in either polarisation; None where they are alike."""
+        return None
+
+    def host_work(self) -> list[str]:
+        """What is made on the host, whatever the device, in words."""
+        work = [] if _materials.in_atlas(self.material) else ["the memory effect of every material"]
+        if self.rendering is None:
+            work.append("sums over paths, where they are chosen")
+        elif self.rendering.chosen.medium_by_medium:
+            sampler = self.rendering.name
+            work.append("sums over paths" if sampler == "paths" else f"media of the {sampler} sampler, one by one")
+        own = self.exposure is not None and is_own(type(self.exposure))
+        return [*work, "counts of a camera of a user's own"] if own else work
+
+    def drawn_media(self, drawn: Addresses, numbers: Sequence[int]) -> list[tuple[list[int], DrawnMedia]]:
+        """Draw media, those whose materials are known in the same way together, and which they are."""
+        parts = _materials.drawn_materials(self.material, drawn, numbers, self.wavelength)
+        return [
+            (places, self.seen_media(drawn, [numbers[n] for n in places], materials)) for places, materials in parts
+        ]
+
+    def seen_media(self, drawn: Addresses, numbers: Sequence[int], materials: Materials) -> DrawnMedia:
+        """Draw what is seen of media of known materials; every kind has its own."""
+        raise NotImplementedError
+
+    def requests(self, media: DrawnMedia) -> list[tuple[list[int], MediaRequest]]:
+        """Say what is asked of the sampler for media, and for which."""
+        window = Window(media.sight.profile, 1.0).area * media.sight.width.square()
+        requests = []
+        for places, light in media.materials.light(self.light, media.bandwidth, self.material.kernel_paths):
+            some = media if len(places) == len(media) else media.at(places)
+            request = MediaRequest(
+                sight=some.sight, correlations=some.materials.correlations, light=light,
+                tolerance=self.mode_tolerance, media=some.materials.slabs, moved=some.moved,
+                units=some.parameters["forward_radiance"] * window[places], shared=self.shares_media, film=some.film,
+            )  # fmt: skip
+            requests.append((places, request))
+        return requests
+
+    def path_scene(self, media: DrawnMedia, place: int) -> Scene:
+        """Scene of one medium with every beam, for path sums."""
+        return media.view(place).full
+
+    def lit(self, drawn: Addresses, numbers: Sequence[int]) -> Lit:
+        """Draw what shines through the media of samples; every kind has its own."""
+        raise NotImplementedError
+
+    def on_sensor(self, images: Any, parameters: Mapping[str, Any]) -> Any:  # noqa: ARG002
+        """Light on the pixels, real[B, n, H, W], of images real[B, pictures, H, W]; what a mosaic makes of them."""
+        return images
+
+    def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """Name what the camera saw, [B, T or F, H, W], under tilts float64[B, T, 2]; every kind has its own."""
+        raise NotImplementedError
+
+    def sight(
+        self, drawn: Addresses, shape: tuple[int, int], object_pitch: Any, base: Any, width: Any = None
+    ) -> Sight:
+        """How objects are seen through media.
+
+        Parameters
+        ----------
+        drawn
+            Where the numbers lie.
+        shape
+            Of the object.
+        object_pitch, base
+            Direction sines float64[M] between its pixels, and float64[M, T, 2] of the base tilts.
+        width : float64[M] or None
+            Of the windows, in the recipe's unit of length, where each medium has its own.
+        """
+        if width is None:
+            seen = self.geometry
+            width, pitch = (torch.full_like(object_pitch, number) for number in (seen.width, seen.grid.pitch))
+        else:
+            assert self.camera is not None
+            pitch = self.wavelength / (width * self.camera.pixels_per_grain)
+        bound = self._most_cells if drawn.device.type != "cpu" or self._on_one_grid else None
+        return Sight(
+            wavelength=self.wavelength, profile=self.profile, shape=shape, camera=self.camera_shape, center=(0.0, 0.0),
+            integrated=self.lab is not None or self.exposure is not None, width=width, object_pitch=object_pitch,
+            camera_pitch=pitch, base=base, bound=bound,
+        )  # fmt: skip
+
+    @property
+    def _on_one_grid(self) -> bool:
+        """Whether it pays to have all media on one grid: each is seen once, and they are of about one size."""
+        return not (self.media_alike or self.shares_media or self.tilts_turn)
+
+    @cached_property
+    def _most_cells(self) -> tuple[int, int]:
+        """No fewer cells along (y, x) than any medium has: those at the ends of the ranges, tilted either way."""
+        views = [view for view in self.extremes() if isinstance(view, MediumView)]
+        put = lambda rows: torch.tensor(np.array(rows), dtype=torch.float64)  # noqa: E731
+        cells = []
+        for turned in (False, True) if self.tilts_turn else (False,):
+            base = [np.sin(view.tilts)[:, ::-1] if turned else np.sin(view.tilts) for view in views]
+            sight = Sight(
+                wavelength=self.wavelength, profile=self.profile, shape=views[0].shape, camera=self.camera_shape,
+                center=(0.0, 0.0), integrated=False, width=put([view.seen.width for view in views]) * (1 + 1e-9),
+                object_pitch=put([view.pitch for view in views]), base=put(base),
+                camera_pitch=put([view.seen.grid.pitch for view in views]),
+            )  # fmt: skip
+            cells.append(sight.most_cells)
+        rows, columns = np.max(cells, axis=0).tolist()
+        return rows, columns
+
+    @property
+    def tilts_turn(self) -> bool:
+        """Whether the direction of tilting differs between media."""
+        return False
 
 
 def _planned_by(made: Plan, chosen: Sampler, decisions: tuple[Decision, ...]) -> Plan:
@@ -236,37 +426,3 @@ def _planned_by(made: Plan, chosen: Sampler, decisions: tuple[Decision, ...]) ->
         made, chosen=chosen, decisions=decisions, operations=dict(counted), seconds=seconds(counted, threads),
         setup_seconds=seconds(chosen.setup(), threads), memory_bytes=chosen.memory(threads),
     )  # fmt: skip
-
-
-def rendering_of(recipe: Recipe, plans: list[Plan]) -> Rendering | None:
-    """What renders all media of a recipe, from its plans at the ends of its ranges; None where they do not agree.
-
-    Where they agree, the same holds for what lies between: the stationary model gets worse towards one end of every
-    range.
-
-    Raises
-    ------
-    RuleError
-        If the recipe is strict, and the sampler that it asks for unfit.
-    """
-    doubts = sorted({doubt for each in plans for doubt in each.doubts})
-    if doubts:
-        remedy = "" if recipe.sampler == "auto" else ' Leave the choice to sampler = "auto".'
-        if recipe.strict:
-            reject("Recipe.sampler", "fit for all media where strict = true", recipe.sampler, f"{doubts[0]}.{remedy}")
-        warn_user(f"recipe {recipe.name}: {doubts[0]}.{remedy}")
-    options = [planned_rendering(each) for each in plans]
-    return max(options, key=lambda each: each.expected_error) if len({each.name for each in options}) == 1 else None
-
-
-def planned_rendering(made: Plan) -> Rendering:
-    """What renders a medium of a plan."""
-    return Rendering(made.expected_error, made.chosen)
-
-
-def renderings(recipe: Recipe, views: Sequence[Planned] | DrawnMedia) -> list[tuple[list[int], Rendering]]:
-    """What renders media: as for all of the recipe, or as planned for each of them alone; and which they are."""
-    if recipe.rendering is not None:
-        return [([*range(len(views))], recipe.rendering)]
-    view = views.view if isinstance(views, DrawnMedia) else views.__getitem__
-    return [([n], planned_rendering(medium_plan(recipe, view(n)))) for n in range(len(views))]

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from scipy import optimize
 
     from specklegen.datasets.addresses import Addresses
-    from specklegen.datasets.recipes.medium import Medium
+    from specklegen.datasets.recipes.recipe import Medium
 else:
     torch, optimize = LazyModule("torch"), LazyModule("scipy.optimize")
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from distributed.deploy import Cluster
 
     from specklegen.datasets.sample_schema import Renderable
-    from specklegen.datasets.store.generate import Outcome
+    from specklegen.datasets.store.filling import Outcome
     from specklegen.datasets.store.store import Store
 
 RETRIES = 3
@@ -80,7 +80,7 @@ def run(
 
 
 def _outcome(shard: int, future) -> "Outcome":
-    from specklegen.datasets.store.generate import Outcome
+    from specklegen.datasets.store.filling import Outcome
 
     try:
         return future.result()
@@ -122,7 +122,7 @@ def fill(
     if "numba" not in sys.modules:
         os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # Dask leaves it alone: dask/distributed#9075
     from specklegen.datasets.store.creation import require_same
-    from specklegen.datasets.store.generate import fill_shard
+    from specklegen.datasets.store.filling import fill_shard
     from specklegen.datasets.store.identity import identity
     from specklegen.datasets.store.store import Store
     from specklegen.datasets.workers import prepare_worker

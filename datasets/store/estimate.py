@@ -14,7 +14,7 @@ from specklegen.core.errors import counted, reject
 from specklegen.core.parallel import thread_count
 from specklegen.datasets.sample_schema import Renderable, stored_arrays
 from specklegen.datasets.store.creation import open_for
-from specklegen.datasets.store.generate import GenerationError, fill_shard
+from specklegen.datasets.store.filling import GenerationError, fill_shard
 from specklegen.datasets.store.layout import default_shard_samples, stored_type
 from specklegen.datasets.store.places import is_remote, place_of
 from specklegen.datasets.store.timing import sample_seconds

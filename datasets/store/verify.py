@@ -8,7 +8,7 @@ import numpy as np
 from specklegen.core.whole_files import dead, sweep
 from specklegen.datasets.sample_schema import Renderable
 from specklegen.datasets.store.creation import mend_metadata, require_same
-from specklegen.datasets.store.generate import GenerationError, fill_shard
+from specklegen.datasets.store.filling import GenerationError, fill_shard
 from specklegen.datasets.store.identity import identity
 from specklegen.datasets.store.places import place_of
 from specklegen.datasets.store.reading import SampleReader

@@ -21,8 +21,9 @@ from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.layout import plane_layout
 from specklegen.paths.momentum import doppler_shift, momentum_transfer
+from specklegen.paths.proposal import plane_proposal
 from specklegen.paths.roulette import slab_roulette
-from specklegen.paths.slab_tracer import SlabTracer, plane_proposal
+from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.steps import inside_share, refracting_layers
 from specklegen.scene.media import PlaneMedium
 from specklegen.scene.polarisation import require_scalar

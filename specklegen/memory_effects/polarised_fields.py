@@ -29,8 +29,9 @@ from specklegen.paths.endpoints import AXIS
 from specklegen.paths.jones import connection_matrices, require_ends
 from specklegen.paths.layout import plane_layout
 from specklegen.paths.momentum import momentum_transfer
+from specklegen.paths.proposal import plane_proposal
 from specklegen.paths.roulette import slab_roulette
-from specklegen.paths.slab_tracer import SlabTracer, plane_proposal
+from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.scene.media import PlaneMedium
 from specklegen.scene.motion import Motion, reduced_time
 from specklegen.scene.polarisation import Polarisers

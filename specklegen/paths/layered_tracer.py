@@ -20,7 +20,7 @@ from specklegen.paths.volumes import materials, volume_of
 from specklegen.scene.media import PlaneMedium
 
 if TYPE_CHECKING:
-    from specklegen.paths.slab_tracer import Proposal
+    from specklegen.paths.proposal import Proposal
 
 _CAPACITY = 8.0
 

@@ -23,7 +23,7 @@ from specklegen.scene.media import PlaneMedium
 
 if TYPE_CHECKING:
     from specklegen.paths.legs import Ways
-    from specklegen.paths.slab_tracer import Proposal
+    from specklegen.paths.proposal import Proposal
 
 MOST_ORDERS = 2**20
 """Vertices of a path, at most: the random numbers of each have an address of their own."""

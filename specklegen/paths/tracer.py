@@ -15,6 +15,7 @@ from specklegen.paths.faces import require_reflection
 from specklegen.paths.far_field import middle_light
 from specklegen.paths.layout import Layout, plane_layout, scene_layout
 from specklegen.paths.phase_tables import common_lobe
+from specklegen.paths.proposal import beam_proposal, default_max_order, plane_proposal
 from specklegen.paths.roulette import (
     between_probes,
     judging,
@@ -23,14 +24,7 @@ from specklegen.paths.roulette import (
     volume_roulette,
     with_capacity,
 )
-from specklegen.paths.slab_tracer import (
-    SlabTracer,
-    beam_proposal,
-    default_max_order,
-    events_per_path,
-    plane_proposal,
-    require_traceable,
-)
+from specklegen.paths.slab_tracer import SlabTracer, events_per_path, require_traceable
 from specklegen.paths.starts import close_points, scene_sources
 from specklegen.paths.volume_tracer import VolumeTracer
 from specklegen.paths.volumes import materials

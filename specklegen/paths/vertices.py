@@ -18,7 +18,7 @@ import numpy as np
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, seed_words
 from specklegen.core.values import read_only, remembered
-from specklegen.paths.slab_tracer import default_max_order
+from specklegen.paths.proposal import default_max_order
 from specklegen.scene.media import Slab
 from specklegen.scene.scatterers import Scatterer
 

@@ -19,7 +19,8 @@ from specklegen.memory_effects.correlation import axial_tracer, estimate_correla
 from specklegen.memory_effects.curve import _dark
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.paths.proposal import plane_proposal
+from specklegen.paths.slab_tracer import trace
 from specklegen.theory import slab as theory
 
 THICKNESS, WAVELENGTH = 1000.0, 0.5

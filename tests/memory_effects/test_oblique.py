@@ -13,7 +13,8 @@ from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.memory_effects.kept import medium_seed
 from specklegen.memory_effects.oblique import estimate_oblique_correlation, face_to_face
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.slab_tracer import beam_proposal, trace
+from specklegen.paths.proposal import beam_proposal
+from specklegen.paths.slab_tracer import trace
 from specklegen.planning.planning import STATIONARY_TOLERANCE, plan
 from specklegen.samplers.stationary.stationarity import pilot_error
 from specklegen.scene.illumination import directions_of_sines

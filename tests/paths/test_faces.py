@@ -18,7 +18,8 @@ from specklegen.paths.endpoint_factors import contributions, endpoint_factors, m
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.faces import images, reflectance
 from specklegen.paths.layout import plane_layout
-from specklegen.paths.slab_tracer import SlabTracer, plane_proposal, trace
+from specklegen.paths.proposal import plane_proposal
+from specklegen.paths.slab_tracer import SlabTracer, trace
 from specklegen.paths.tracer import plane_tracer
 from specklegen.synthesis.spectrum import estimate_spectral_correlation
 from specklegen.theory import slab as theory

@@ -17,7 +17,8 @@ from specklegen.paths.jones import (
     walk_matrices,
 )
 from specklegen.paths.phase_tables import walk_lobes
-from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.paths.proposal import plane_proposal
+from specklegen.paths.slab_tracer import trace
 
 RAYLEIGH = Ends((sg.Rayleigh(),), "projector")
 

@@ -10,7 +10,8 @@ import specklegen as sg
 from specklegen.kernels.volume import exit_distance, optical_depth
 from specklegen.paths.endpoint_factors import contributions, endpoint_factors
 from specklegen.paths.layout import scene_layout
-from specklegen.paths.slab_tracer import beam_proposal, trace
+from specklegen.paths.proposal import beam_proposal
+from specklegen.paths.slab_tracer import trace
 from specklegen.paths.tracer import volume_tracer
 from specklegen.paths.volumes import volume_of
 from specklegen.theory.correlation_transfer import field_correlation

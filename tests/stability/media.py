@@ -15,7 +15,8 @@ from specklegen.kernels.phase_table import sample
 from specklegen.oracles.adding_doubling import adding_doubling
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.phase_tables import phase_table
-from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.paths.proposal import plane_proposal
+from specklegen.paths.slab_tracer import trace
 from specklegen.paths.tracer import plane_tracer, volume_tracer
 from specklegen.theory.slab import double_to_single
 

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.special import expn
 
 import specklegen as sg
-from specklegen.paths.slab_tracer import plane_proposal, trace
+from specklegen.paths.proposal import plane_proposal
+from specklegen.paths.slab_tracer import trace
 from specklegen.theory.correlation_transfer import quadruple
 from specklegen.theory.slab import slab_transmission
 

@@ -13,8 +13,7 @@ from specklegen.core.most_recent import MostRecent
 from specklegen.core.parallel import one_blas_thread
 from specklegen.core.random_streams import Seed
 from specklegen.instrument.lens import Lens
-from specklegen.samplers.path_sums.sampler import PathSums
-from specklegen.samplers.sampler import Contrast, Where
+from specklegen.samplers.sampler import Contrast, Sampler, Where
 from specklegen.synthesis.streams import Streams
 
 _POWERS_BYTES = 2 * 2**30  # kept in a process: 64 media of 28 x 28 beams at 128 x 128 pixels
@@ -22,12 +21,13 @@ _POWERS_BYTES = 2 * 2**30  # kept in a process: 64 media of 28 x 28 beams at 128
 
 @dataclass(frozen=True)
 class PathImaging:
-    """Draws media and images objects through them: one medium of one scene. See :meth:`PathSums.prepare_media`.
+    """Draws media and images objects through them: one medium of one scene. Made by the path-sum sampler.
 
     Attributes
     ----------
-    sampler : PathSums
-        Of a scene whose lights are the beams of all pixels of the object under every tilt, one tilt after the other.
+    sampler : Sampler
+        Path sums of a scene whose lights are the beams of all pixels of the object under every tilt, one tilt after the
+        other.
     unit : float
         Expected intensity of a beam of brightness 1, over which images are given.
     tilts : int
@@ -43,7 +43,7 @@ class PathImaging:
         Lenses that image the medium, one a plane in focus; else the views are pixels.
     """
 
-    sampler: PathSums
+    sampler: Sampler
     unit: float
     tilts: int
     shape: tuple[int, int]

@@ -16,16 +16,16 @@ CPU = torch.device("cpu")
 @pytest.mark.parametrize("shape", [(28, 28), (17, 40)])
 def test_coverage_of_every_kind_of_outline(shape):
     """Sums in another order: 200 edges of areas of at most 1 leave 1e-13; the padding of short outlines adds none."""
-    tables = glyph_batches.glyph_tables(Glyphs(shape=shape), CPU)
+    outline_edges = glyph_batches.glyph_edges(CPU)
     places = torch.arange(0, 945, 31)
     angle = torch.from_numpy(np.random.default_rng(0).uniform(-0.5, 0.5, len(places)))
-    edges = glyph_batches.turned(tables.edges, places, angle)
+    edges = glyph_batches.turned(outline_edges, places, angle)
     ends = edges.unflatten(2, (2, 2)).flatten(1, 2)
     low, extent = ends.amin(1), ends.amax(1) - ends.amin(1)
     placed = (edges - low.repeat(1, 2)[:, None]) * (0.9 * min(shape) / extent.amax(1))[:, None, None] + 0.37
     found, expected = FORMS["coverage"](placed, *shape), glyph_batches.coverage(placed, *shape)
     np.testing.assert_allclose(found, expected, atol=1e-12)
-    assert len(outlines()[int(places[3])]) < tables.edges.shape[1]
+    assert len(outlines()[int(places[3])]) < outline_edges.shape[1]
 
 
 @pytest.mark.parametrize("split", ["train", "test"])

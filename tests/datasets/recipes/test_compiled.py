@@ -4,7 +4,6 @@ import pytest
 import torch
 
 from specklegen.datasets.objects import glyph_batches
-from specklegen.datasets.objects.glyphs import Glyphs
 from specklegen.datasets.recipes import generator, materials
 from specklegen.datasets.recipes.parts import source
 from specklegen.datasets.recipes.parts.atlas_batches import atlas_tables
@@ -24,10 +23,10 @@ def double(*shape):
 def arguments():
     """Small arguments of every operator."""
     tables = atlas_tables(CPU)
-    outlines = glyph_batches.glyph_tables(Glyphs(), CPU)
+    outlines = glyph_batches.glyph_edges(CPU)
     words = torch.randint(0, 2**32, (3, 2, 7), generator=torch.Generator().manual_seed(0))
     slabs = torch.tensor([[1000.0, 10.0, 0.9, 1.0], [500.0, 5.0, 0.8, 1.0]], dtype=torch.float64)
-    edges = glyph_batches.turned(outlines.edges, torch.tensor([3, 500]), double(2)) * 0.2 + 4
+    edges = glyph_batches.turned(outlines, torch.tensor([3, 500]), double(2)) * 0.2 + 4
     cells = torch.tensor([5, 6])
     camera = Camera(photons=1.0, background=5.0, dark_current=1.5, full_well=1500.0, read_noise=2.0, gain=1.7,
                     offset=50.0, bit_depth=12)  # fmt: skip
@@ -43,7 +42,7 @@ def arguments():
         "window_power": (double(2), cells, 0.1 * double(2), 8, False),
         "lag_transform": (double(2, 5), double(2), double(2), double(2), 4),
         "speckle_contrast": (torch.rand(2, 3, 4), double(2, 3, 4)),
-        "turned": (outlines.edges, torch.tensor([3, 500]), double(2)), "coverage": (edges, 20, 20),
+        "turned": (outlines, torch.tensor([3, 500]), double(2)), "coverage": (edges, 20, 20),
         "exposed": (90 * double(2, 30), words[:2, :, :2].repeat(1, 2, 1), numbers_of(camera)),
     }  # fmt: skip
 

@@ -11,7 +11,8 @@ from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
 from specklegen.datasets.addresses import Addresses
 from specklegen.datasets.recipes.parts.tilts import Tilts
 from specklegen.datasets.sample_schema import ArraySpec, require_finite
-from specklegen.datasets.store.generate import GenerationError, generate
+from specklegen.datasets.store.filling import GenerationError
+from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.info import info
 from specklegen.scene.illumination import CollimatedBeams
 

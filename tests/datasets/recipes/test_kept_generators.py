@@ -7,9 +7,9 @@ from forgotten import forget
 from quick_recipes import quick_recipe
 
 from specklegen.core.memory import array_bytes
+from specklegen.core.most_recent import MostRecent
 from specklegen.core.random_streams import seed_words
-from specklegen.datasets.recipes.generator import SpeckleGenerator
-from specklegen.datasets.recipes.kept_generators import GENERATORS, KeptGenerators
+from specklegen.datasets.recipes.generator import GENERATORS, SpeckleGenerator
 
 
 @pytest.fixture(scope="module")
@@ -30,15 +30,21 @@ def counted(monkeypatch):
     return made
 
 
+def cache(most_bytes=2**31, most=64):
+    """Return a cache like that of the process, and what finds a generator in it."""
+    generators = MostRecent(most_bytes, most, SpeckleGenerator.held)
+    return generators, lambda key: generators.found(key, lambda: SpeckleGenerator(*key))
+
+
 def keys(recipe, count):
     return [(recipe, seed_words(seed), "train", "cpu") for seed in range(count)]
 
 
 def test_media_of_six_generators_in_turn_are_made_once(recipe, counted):
-    kept, own = KeptGenerators(), keys(recipe, 6)
-    first = [kept.found(key)([0, 1])["image"] for key in own]
+    (kept, found), own = cache(), keys(recipe, 6)
+    first = [found(key)([0, 1])["image"] for key in own]
     once = len(counted)
-    again = [kept.found(key)([0, 1])["image"] for key in own]
+    again = [found(key)([0, 1])["image"] for key in own]
     assert len(kept) == 6
     assert len(counted) == once >= 6
     assert all(torch.equal(a, b) for a, b in zip(first, again, strict=True))
@@ -47,28 +53,28 @@ def test_media_of_six_generators_in_turn_are_made_once(recipe, counted):
 def test_what_does_not_fit_goes_the_oldest_first(recipe, counted):
     own = keys(recipe, 3)
     one = SpeckleGenerator(*own[0])
-    found = one([0])["image"]
+    image = one([0])["image"]
     size = array_bytes(one.held())
-    kept = KeptGenerators(int(2.5 * size))
+    kept, found = cache(int(2.5 * size))
     for key in own:
-        kept.found(key)([0])
+        found(key)([0])
     assert len(kept) == 3  # the last had made nothing when it was weighed
-    kept.found((recipe, seed_words(9), "train", "cpu"))
-    assert [*kept._kept._kept] == [*own[1:], (recipe, seed_words(9), "train", "cpu")]
+    found((recipe, seed_words(9), "train", "cpu"))
+    assert [*kept._kept] == [*own[1:], (recipe, seed_words(9), "train", "cpu")]
     before = len(counted)
-    assert torch.equal(kept.found(own[0])([0])["image"], found)
+    assert torch.equal(found(own[0])([0])["image"], image)
     assert len(counted) == before + 1
 
 
 def test_one_too_large_stays_alone_and_their_number_is_bounded(recipe):
     own = keys(recipe, 4)
-    kept = KeptGenerators(0)
-    kept.found(own[0])([0])
-    assert [*kept._kept._kept] == own[:1]
-    few = KeptGenerators(most=2)
+    kept, found = cache(0)
+    found(own[0])([0])
+    assert [*kept._kept] == own[:1]
+    few, found = cache(most=2)
     for key in own:
-        few.found(key)
-    assert [*few._kept._kept] == own[2:]
+        found(key)
+    assert [*few._kept] == own[2:]
     few.forget()
     assert not len(few)
 

@@ -14,7 +14,7 @@ from zscore import assert_mean
 import specklegen as sg
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.recipes.generator import SpeckleGenerator
-from specklegen.datasets.recipes.media import MediumView, medium_plan
+from specklegen.datasets.recipes.media import MediumView
 from specklegen.datasets.recipes.parts.sampler import NUMBERS
 from specklegen.datasets.recipes.parts.viewing import Viewing
 from specklegen.datasets.recipes.recipe import Recipe
@@ -233,8 +233,8 @@ def test_beams_far_to_one_side_are_not_judged_by_a_correlation_that_recipes_do_n
     (view, *_) = recipe.extremes()
     of_scene = sg.plan(view.probe, paths=2000, sampler="stationary")
     assert of_scene.chosen.form == "oblique"  # else what follows would show nothing
-    assert medium_plan(recipe, view).sampler == "paths"
-    asked = medium_plan(recipe.replace(sampler="stationary"), view)
+    assert recipe.medium_plan(view).sampler == "paths"
+    asked = recipe.replace(sampler="stationary").medium_plan(view)
     assert asked.chosen.form == "axial"
     assert any(decision.doubt for decision in asked.decisions)
 
@@ -252,7 +252,7 @@ def test_materials_on_either_side_of_the_rule_are_planned_one_by_one():
         used = "paths" if isinstance(imaging, PathImaging) else "stationary"
         slab = recipe.material.slab_of(parameters)
         view = MediumView(slab, recipe.geometry, (6, 6), parameters["object_pitch"], np.zeros((1, 2)))
-        made = medium_plan(recipe, view)
+        made = recipe.medium_plan(view)
         assert made.sampler == used
         assert parameters["expected_error"] == made.expected_error
         seen.add(used)

@@ -16,7 +16,7 @@ from zscore import assert_mean
 from specklegen.cli.commands import app
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe, recipe_names
-from specklegen.datasets.recipes.kept_generators import GENERATORS
+from specklegen.datasets.recipes.generator import GENERATORS
 from specklegen.datasets.recipes.registry import KINDS, recipe_schema
 from specklegen.datasets.recipes.specification import DATA_VERSION
 from specklegen.datasets.sample_schema import Renderable, stored_arrays

@@ -21,7 +21,8 @@ from specklegen.cli import commands, stores
 from specklegen.core.parallel import thread_count
 from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.store.dask import RETRIES, fill
-from specklegen.datasets.store.generate import GenerationError, generate
+from specklegen.datasets.store.filling import GenerationError
+from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.info import info
 from specklegen.datasets.store.store import Store
 

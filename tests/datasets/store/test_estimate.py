@@ -10,7 +10,8 @@ from fake_recipe import FakeRecipe
 from specklegen.core.errors import RuleError
 from specklegen.datasets.store import estimate as estimating
 from specklegen.datasets.store.estimate import estimate, foreseen
-from specklegen.datasets.store.generate import GenerationError, generate
+from specklegen.datasets.store.filling import GenerationError
+from specklegen.datasets.store.generate import generate
 
 
 @pytest.mark.parametrize("dtype", ["uint16", "float32"])

@@ -18,7 +18,7 @@ from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleCache
 from specklegen.datasets.store import creation, locks, places
 from specklegen.datasets.store.creation import open_for
-from specklegen.datasets.store.generate import fill_shard
+from specklegen.datasets.store.filling import fill_shard
 from specklegen.datasets.store.info import info
 from specklegen.datasets.store.store import Store
 from specklegen.datasets.store.verify import verify

@@ -13,7 +13,7 @@ from small_stores import TIMEOUT, assert_holds, contents, make
 
 from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.sample_schema import ArraySpec, stored_arrays
-from specklegen.datasets.store.generate import GenerationError
+from specklegen.datasets.store.filling import GenerationError
 from specklegen.datasets.store.identity import differences, fingerprint, identity
 from specklegen.datasets.store.info import info
 from specklegen.datasets.store.layout import default_shard_samples

@@ -7,7 +7,7 @@ import pytest
 from fake_recipe import FakeRecipe
 from small_stores import contents, make
 
-from specklegen.datasets.store.generate import GenerationError
+from specklegen.datasets.store.filling import GenerationError
 from specklegen.datasets.store.info import info
 from specklegen.datasets.store.verify import verify
 

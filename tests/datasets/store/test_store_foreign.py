@@ -14,7 +14,7 @@ from small_stores import assert_holds, contents, make
 from specklegen.core.errors import RuleError
 from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.store import metadata
-from specklegen.datasets.store.generate import GenerationError
+from specklegen.datasets.store.filling import GenerationError
 from specklegen.datasets.store.shards import DamagedShard, ForeignShard, ShardFiles
 from specklegen.datasets.store.verify import verify
 

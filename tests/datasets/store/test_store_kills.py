@@ -15,7 +15,7 @@ from small_stores import age, assert_holds, make
 from specklegen.core.errors import RuleError
 from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.store import creation, metadata, store
-from specklegen.datasets.store.generate import GenerationError
+from specklegen.datasets.store.filling import GenerationError
 from specklegen.datasets.store.info import info
 from specklegen.datasets.store.shards import MissingSample
 from specklegen.datasets.store.store import Store

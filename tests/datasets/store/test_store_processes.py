@@ -13,7 +13,7 @@ from scenes import ROOT
 from small_stores import TIMEOUT, age, assert_holds, claiming, contents, make
 
 from specklegen.datasets.store import metadata
-from specklegen.datasets.store.generate import GenerationError, fill_shard
+from specklegen.datasets.store.filling import GenerationError, fill_shard
 from specklegen.datasets.store.info import info
 from specklegen.datasets.store.locks import claim
 from specklegen.datasets.store.store import Store

@@ -13,7 +13,8 @@ from specklegen.kernels import walk
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.phases import random_phases
-from specklegen.paths.slab_tracer import beam_proposal, plane_proposal, trace
+from specklegen.paths.proposal import beam_proposal, plane_proposal
+from specklegen.paths.slab_tracer import trace
 from specklegen.samplers.path_sums import nufft
 from specklegen.samplers.path_sums.nufft import build_nufft_plan, nufft_field, together
 from specklegen.samplers.path_sums.view_factor import error_of_single

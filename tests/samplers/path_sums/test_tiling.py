@@ -16,7 +16,8 @@ from specklegen.paths.chunks import Chunks
 from specklegen.paths.layout import scene_layout
 from specklegen.paths.phases import random_phases
 from specklegen.paths.pilot import scene_pilot
-from specklegen.paths.slab_tracer import beam_proposal, trace
+from specklegen.paths.proposal import beam_proposal
+from specklegen.paths.slab_tracer import trace
 from specklegen.samplers.path_sums import nufft, summation, view_factor
 from specklegen.samplers.path_sums.cost import nufft_operations
 from specklegen.samplers.path_sums.nufft import build_nufft_plan, nufft_field
