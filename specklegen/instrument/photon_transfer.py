@@ -30,10 +30,10 @@ from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import counted, reject
 from specklegen.instrument.camera import Camera
 from specklegen.instrument.full_well import Knee, knee_of
+from specklegen.instrument.hot_pixels import hot_in_dark
 
 _FEWEST_LEVELS = 3
 _DRIFT, _MOST_DRIFT = 3e-3, 0.2  # of the light between the frames of a pair: told, refused
-_HOT = 8.0  # standard deviations of a dark pixel
 _MOST_HOT = 0.01  # share of the pixels
 _CLIPPED = 1e-3  # share of dark pixels at 0
 _LINKED = 0.02  # correlation of neighbouring pixels' noise: of one pattern none
@@ -295,10 +295,7 @@ def _dark(black: np.ndarray, doubts: list[str]) -> _Dark:
             "fit_camera dark", "of a black level at which none is cut off at 0", f"{100 * cut:.3g} % of pixels at 0",
             "Raise the camera's offset (black level).",
         )  # fmt: skip
-    own = black.mean(axis=0)
-    middle = np.median(own)
-    spread = max(1.4826 * float(np.median(np.abs(own - middle))), 0.5 / np.sqrt(frames))
-    good = np.abs(own - middle) <= _HOT * spread
+    good = ~hot_in_dark(black)
     hot = int((~good).sum())
     if hot > _MOST_HOT * good.size:
         reject("fit_camera dark", "without light", f"{hot} of {good.size} pixels far off", "Cover the lens.")

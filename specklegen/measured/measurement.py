@@ -10,10 +10,10 @@ from specklegen.core.arguments import flag, real_number, whole_number
 from specklegen.core.display.plot import Pictured, draw_images
 from specklegen.core.errors import counted, reject
 from specklegen.instrument.frames import MOST_PIXELS
+from specklegen.instrument.hot_pixels import filled, hot_among_neighbours, hot_in_dark
 from specklegen.measured.counts import found_range
 from specklegen.measured.envelope import fit_envelope
 from specklegen.measured.files import Source, read_raw
-from specklegen.measured.hot_pixels import filled, hot_among_neighbours, hot_in_dark
 from specklegen.measured.region import LEAST, Region, given_region, lit_region
 
 _FIELD = "read_measurement"

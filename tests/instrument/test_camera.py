@@ -65,6 +65,13 @@ def test_photon_transfer(name):
         assert_moments(counts, *exact_cumulants(camera, level), comparisons=len(levels))
 
 
+def test_stated_noise_is_that_of_the_photon_transfer_curve():
+    """Variance over squared mean of the counts of a flat field, whose cumulants the test above measures."""
+    for camera in CAMERAS.values():
+        mean, variance, _ = exact_cumulants(camera, 1.0)
+        assert camera.noise(mean) == pytest.approx(variance / mean**2, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     "wrong",
     [

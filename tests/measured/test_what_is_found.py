@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 from zscore import assert_z
 
 from specklegen.core.errors import RuleError
+from specklegen.instrument.hot_pixels import hot_among_neighbours, hot_in_dark
 from specklegen.measured import read_measurement
-from specklegen.measured.hot_pixels import hot_among_neighbours
 
 
 def speckle(grain, seed, shape=(128, 128)):
@@ -92,6 +93,13 @@ def test_hot_pixels_by_dark_frames():
     found = read_measurement(300 * LIGHT + 100, dark=dark)
     assert sorted(np.flatnonzero(~found.good)) == sorted(hot)
     assert found.hot == 30
+
+
+def test_a_dark_pixel_is_hot_from_eight_standard_deviations():
+    """Of normal quantiles, whose median deviation is 0.6745 standard deviations; 1 % less or more would be seen."""
+    dark = norm.ppf((np.arange(10_001) + 0.5) / 10_001).reshape(1, 73, 137) * 5.0 + 100
+    dark[0, 0, :4] = 100 + 5 * np.array([-8.06, -7.94, 7.94, 8.06])
+    assert np.argwhere(hot_in_dark(dark)).tolist() == [[0, 0], [0, 3]]
 
 
 GRAINS = {1.5: 0.90, 3: 0.98, 6: 0.98}

@@ -5,6 +5,7 @@ import hashlib
 import numpy as np
 import pytest
 import torch
+from zscore import assert_z, limit
 
 from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
 from specklegen.datasets.store.generate import generate
@@ -84,3 +85,18 @@ def test_images_have_the_contrast_that_their_parameters_promise():
     z = difference.mean() / (difference.std(ddof=1) / 8)
     assert abs(z) < 5.4  # Student's t, 63 degrees of freedom, false-alarm rate 1e-6
     assert np.mean(expected) > 0.02  # and the test is about something
+
+
+def test_samples_hold_mean_and_contrast_to_three_in_a_thousand():
+    """Of 200 stacks of one tilt, each a medium of its own with 65 000 speckles; errors by their scatter."""
+    camera = {"shape": [512, 512], "pixels_per_grain": 2}
+    recipe = load_recipe("tilt-stack", {"camera": camera, "tilts": {"count": 1}, "material": {"kernel_paths": 1000}})
+    stacks = (recipe.sample(0, "train", n)["stack"].astype(np.float64) for n in range(200))
+    means, variances = np.array([[stack.mean(), np.square(stack - 1).mean()] for stack in stacks]).T
+    found = np.array([means.mean(), np.sqrt(variances.mean())])
+    error = np.array([means.std(ddof=1), variances.std(ddof=1) / 2]) / np.sqrt(200)
+    assert_z(found, 1.0, error, degrees=199)
+    assert (limit(2, 199) * error < 0.003).all(), error
+    for wrong in ([1.005, 1.0], [1.0, 1.005]):
+        with pytest.raises(AssertionError, match="z ="):
+            assert_z(found * wrong, 1.0, error, degrees=199)

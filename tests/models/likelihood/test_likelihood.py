@@ -105,6 +105,26 @@ def test_several_objects_of_one_image_are_those_one_by_one():
         assert torch.allclose(together[:, n], likelihood(brightness[:, n]), rtol=1e-12)
 
 
+@pytest.mark.parametrize("looks", [1.0, 4.0])
+def test_variance_of_lags_is_their_spread(looks):
+    """Of 600 measurements of even power at all frequencies: 144 independent lags, each over its share of pixel pairs.
+
+    The relative variance of a variance is 2 / 600; that of a lag's square adds 6 / 312 frequencies / looks at most.
+    """
+    count, size, shape = 600, 17, (25, 25)
+    even = SpeckleLikelihood(flat(shape, count, looks=looks), (4, 4), Optics(1.0, 1.5))
+    assert (even.frequencies == 312).all()  # all but f = 0, one of two opposite
+    power = np.random.default_rng(4).gamma(looks, 1 / looks, even.power.shape)
+    likelihood = even.seeing(torch.from_numpy(power), even.noise, looks)
+    pairs = 1 - np.abs(np.fft.fftfreq(size, 1 / size)) / shape[0]
+    lags = (likelihood.lags(size).numpy() * np.outer(pairs, pairs)).reshape(count, -1)[:, 1 : (size**2 + 1) // 2]
+    ratio = lags.var(0, ddof=1).mean() / likelihood.lag_variance().mean().item()
+    error = np.sqrt((2 + 6 / 312 / looks) / count / lags.shape[1])
+    assert_z(ratio, 1.0, error, slack=0.01)
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(1.05 * ratio, 1.0, error, slack=0.01)
+
+
 def test_shift_and_half_turn_change_nothing():
     """Which is what an image alone cannot tell."""
     likelihood = SpeckleLikelihood(flat((32, 32)), (9, 9), Optics(1.3, 3.0))

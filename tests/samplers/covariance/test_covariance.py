@@ -8,7 +8,9 @@ from volume_batches import engine_batches, intensities
 from zscore import assert_mean, assert_z
 
 import specklegen as sg
-from specklegen.core.statistics import BATCHES
+from specklegen.core.statistics import BATCHES, tail_factor
+from specklegen.paths.tracer import volume_tracer
+from specklegen.samplers.covariance.outer_products import all_pairs, outer_products
 
 
 def load(name):
@@ -69,6 +71,16 @@ def test_standard_errors_are_honest(isotropic):
     # A variance of 64 runs is known to about 1 / sqrt(32) of itself; entries hang together.
     assert 0.4 < ratio.min() <= ratio.max() < 2.2, ratio
     assert 0.75 < ratio.mean() < 1.3, ratio
+
+
+def test_standard_errors_are_those_of_the_mean_of_batches():
+    """To rounding: with one left out of n - 1, times what heavy tails add."""
+    scene, paths = flat_box([0, 4], views([0, 60, 180])), 100 * BATCHES
+    tracer = volume_tracer(scene, True)
+    sums = outer_products(tracer, tracer.layout, paths, 1, reverse=True, entries=all_pairs(6), threads=1)
+    means = sums.powers / 100  # of equally many paths
+    error = means.std(axis=0, ddof=1) / np.sqrt(BATCHES) * tail_factor(means - means.mean(axis=0))
+    np.testing.assert_allclose(sums.error.diagonal(), error, rtol=1e-9)
 
 
 @pytest.fixture(scope="module")
