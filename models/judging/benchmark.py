@@ -27,8 +27,7 @@ from specklegen.models.judging.fitted import fitted
 from specklegen.models.judging.isolation import Failed, Isolated, Limits, arrays_of, copy_of
 from specklegen.models.judging.judged import judged
 from specklegen.models.judging.results import Failure, Results
-from specklegen.models.judging.secret import commitment, seed_of
-from specklegen.models.judging.tasks import SEED, TASKS, Task, drawn_at, task
+from specklegen.models.judging.tasks import SEED, TASKS, Task, complete_run, task
 from specklegen.models.learning.reconstructor import load_pretrained
 from specklegen.models.learning.solver import load_solver
 from specklegen.models.retrieval.autocorrelation import memory_effect_of
@@ -123,7 +122,6 @@ def benchmark(
     samples: int | None = None,
     progress: Callable[[int, int], None] | None = None,
     limits: Limits | None = Limits(),  # noqa: B008
-    secret: str | None = None,
     measured: str | Path | None = None,
 ) -> Results:
     """Score reconstruction functions on the frozen tasks.
@@ -148,10 +146,6 @@ def benchmark(
         this process, without limits, as a network on a CUDA device needs. Either way each gets copies of its own; one
         that does not answer (an error, something else than an image, too long, too large) is scored as an image of
         nothing, and named in ``failures``.
-    secret
-        Words of an organiser, at least 16 characters: tasks are drawn at a seed that follows from them, which nobody
-        else can render, and results state a commitment to them. Tasks whose images come with the package are left out.
-        By default the seed is the benchmark's own.
     measured
         Folder of the clone that ``specklegen measured get hidden-shapes`` makes. By default there is none, and the task
         of measured frames is skipped, which the tables say.
@@ -176,21 +170,16 @@ def benchmark(
             reject("benchmark baselines", f"among {', '.join(BASELINES)}, and not a name of yours", name)
     if not own and not beside:
         reject("benchmark functions", "at least one, or a baseline", own)
-    bound = "" if secret is None else commitment(secret)
-    seed = SEED if secret is None else seed_of(secret)
-    drawn = drawn_at(bound)
-    fetched = [each for each in TASKS if each.fetched and not bound]
+    fetched = [each for each in TASKS if each.fetched]
     there = [] if measured is None or frames.missing(measured) else fetched
     if measured is not None and not there:
-        reject("benchmark measured", f"a folder of {frames.SET}, at no secret seed", str(measured),
+        reject("benchmark measured", f"a folder of {frames.SET}", str(measured),
                f"`specklegen measured get {frames.SET}` fetches it.")  # fmt: skip
-    chosen = [task(name) for name in tasks] if tasks is not None else drawn + there
+    chosen = [task(name) for name in tasks] if tasks is not None else complete_run() + there
     for each in chosen:
         if each in fetched and not there:
             reject("benchmark tasks", "those whose files are there", each.name,
                    f"`specklegen measured get {frames.SET}` fetches them; name the folder by measured.")  # fmt: skip
-        if each not in drawn + fetched:
-            reject("benchmark tasks", "drawn by a seed, where it is secret", each.name)
     names = [each.name for each in chosen]
     if not names or len(set(names)) < len(names):
         reject("benchmark tasks", "at least one, each once", names)
@@ -218,12 +207,12 @@ def benchmark(
                 if isinstance(run, Isolated):
                     stack.callback(run.close)
                 asked[each] = _asked(name, each, run, recipe, failures, answers.setdefault((name, each), []))
-            batches = _told(of, count, seed, measured, lambda done, before=before: tell(before + done, total))
+            batches = _told(of, count, measured, lambda done, before=before: tell(before + done, total))
             evaluations[name], by_chance = judged(of, asked, batches)
         for each in methods:
             chances[name, each] = by_chance(answers[name, each])
     skipped = () if tasks is not None or there else tuple(each.name for each in fetched)
-    return Results(evaluations, samples, tuple(failures), answers, chances, bound, skipped)
+    return Results(evaluations, samples, tuple(failures), answers, chances, skipped)
 
 
 def _beside(name: str, of: Task, recipe: HiddenObject) -> Function:
@@ -232,13 +221,11 @@ def _beside(name: str, of: Task, recipe: HiddenObject) -> Function:
     return pages.in_parts(made) if of.kind == "pages" and name not in OF_SOME else made
 
 
-def _told(
-    of: Task, samples: int, seed: int, measured: str | Path | None, tell: Callable[[int], None]
-) -> Iterable[Batch]:
+def _told(of: Task, samples: int, measured: str | Path | None, tell: Callable[[int], None]) -> Iterable[Batch]:
     """Batches of a task; tells how many of its images are done."""
     for first in range(0, samples, _STEP):
         last = min(first + _STEP, samples)
-        yield from of.batches(range(first, last), seed, measured)
+        yield from of.batches(range(first, last), measured)
         tell(last)
 
 

@@ -1,7 +1,6 @@
 """Entries of the folder ``results/``: what a method scored, one file each, and the table of all of them.
 
-Whoever has a score adds a file by a pull request; ``results/README.md`` says how. A file states its answers, or none:
-with them ``specklegen benchmark --check`` finds the scores anew.
+Whoever has a score adds a file by a pull request; ``results/README.md`` says how.
 """
 
 import json
@@ -13,17 +12,13 @@ from pydantic import Field, ValidationError, model_validator
 from specklegen.core.display.escape import cell
 from specklegen.core.errors import reject
 from specklegen.core.values import Finite, PositiveInt, Value, broken_rules
-from specklegen.models.judging.tasks import TASKS, VERSION, counted_tasks, drawn_at, task
+from specklegen.models.judging.tasks import TASKS, VERSION, complete_run, counted_tasks, task
 
 if TYPE_CHECKING:
     from specklegen.models.judging.results import Results
 
-TOLERANCE = 1e-3
-"""Of a mean score, between what an entry states and what is found anew."""
 UNNAMED = "to be filled in"
 """What :func:`entry` leaves to its author."""
-_FILE = r"^[A-Za-z0-9][A-Za-z0-9._-]*\.npz$"
-_HEX = r"^([0-9a-f]{64})?$"
 
 
 class Scored(Value):
@@ -89,10 +84,6 @@ class Entry(Value):
         Whether it is told C_I.
     version
         Of the benchmark.
-    commitment
-        Of a run at a secret seed (:mod:`specklegen.models.judging.secret`); empty otherwise.
-    answers
-        Name of the ``answers.npz`` of the run, beside the entry; empty where there is none.
     tasks
         By name.
     """
@@ -103,8 +94,6 @@ class Entry(Value):
     trained_on: Annotated[str, Field(min_length=1)]
     memory_effect: bool
     version: PositiveInt
-    commitment: Annotated[str, Field(pattern=_HEX)] = ""
-    answers: Annotated[str, Field(pattern=rf"({_FILE})|^$")] = ""
     tasks: Annotated[dict[str, OfTask], Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -123,9 +112,8 @@ class Entry(Value):
 
     @property
     def complete(self) -> bool:
-        """Whether all images of all tasks were asked, but at a secret seed those that come with the package."""
-        asked = drawn_at(self.commitment)
-        return all(each.name in self.tasks and self.tasks[each.name].images == each.samples for each in asked)
+        """Whether all images of all tasks were asked, but those that have to be fetched."""
+        return all(each.name in self.tasks and self.tasks[each.name].images == each.samples for each in complete_run())
 
 
 def entry(results: "Results", function: str, **about: Any) -> Entry:
@@ -144,7 +132,7 @@ def entry(results: "Results", function: str, **about: Any) -> Entry:
             digest=task(name).fingerprint, images=len(evaluation.media), unanswered=failed, **scores
         )
     stated = {"by": UNNAMED, "about": UNNAMED, "trained_on": UNNAMED, "memory_effect": True} | about
-    found = {"name": function[:60], "version": VERSION, "commitment": results.commitment, "tasks": tasks}
+    found = {"name": function[:60], "version": VERSION, "tasks": tasks}
     return Entry(**found | stated)
 
 
@@ -173,35 +161,18 @@ def read_entry(file: Path) -> Entry:
         reject(f"entry {file.name}", "a file of JSON", f"{error}")
     if not isinstance(content, dict):
         reject(f"entry {file.name}", "a table of the fields of Entry", content)
+    content.pop("answers", None)  # entries of earlier versions name a file, and a commitment to a secret seed or none
+    if content.get("commitment") == "":
+        del content["commitment"]
     try:
-        found = Entry.model_validate(content)
+        return Entry.model_validate(content)
     except ValidationError as error:
         raise broken_rules("Entry", error, Entry) from None
-    if found.answers and not (file.parent / found.answers).is_file():
-        reject("Entry.answers", "a file beside the entry, or left out", found.answers)
-    return found
 
 
 def read_entries(folder: Path) -> list[Entry]:
     """Entries of a folder, by the names of their files."""
     return [read_entry(file) for file in sorted(folder.glob("*.json"))]
-
-
-def require_same(one: Entry, found: dict[tuple[str, str], float]) -> None:
-    """Refuse an entry whose means are not those found anew, by task and function.
-
-    Raises
-    ------
-    RuleError
-        If a mean differs, or there are no answers to a task.
-    """
-    functions = sorted({function for _, function in found})
-    if len(functions) != 1:
-        reject("Entry.answers", "answers of one function", functions)
-    for name, each in one.tasks.items():
-        mean = found.get((name, functions[0]))
-        if mean is None or abs(mean - each.pearson.mean) > TOLERANCE:
-            reject(f"Entry.tasks[{name!r}].pearson.mean", "that of its answers", each.pearson.mean, f"Found: {mean}.")
 
 
 def table(entries: list[Entry]) -> str:

@@ -11,11 +11,9 @@ import numpy as np
 from specklegen.core.display.escape import cell, csv_cell
 from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import counted
-from specklegen.models.judging.card import card
 from specklegen.models.judging.entries import entry, write_entry
 from specklegen.models.judging.evaluation import Evaluation
-from specklegen.models.judging.recheck import write_answers
-from specklegen.models.judging.tasks import TASKS, VERSION, counted_tasks, drawn_at, task
+from specklegen.models.judging.tasks import VERSION, complete_run, counted_tasks, task
 from specklegen.models.metrics import Interval
 
 SHOWN = {"pearson": "Pearson", "psnr": "PSNR, dB", "ssim": "SSIM"}
@@ -61,8 +59,6 @@ class Results(Pictured):
         By task and function: what was answered, batch by batch.
     chances : dict[(str, str), dict[str, float64[n]]]
         By task and function: scores of its answers for other images' objects (:mod:`specklegen.models.judging.chance`).
-    commitment : str
-        Of the words of a secret seed (:mod:`specklegen.models.judging.secret`); empty at the benchmark's own.
     skipped : tuple of str
         Tasks left out because nobody has said where their files are.
     """
@@ -72,7 +68,6 @@ class Results(Pictured):
     failures: tuple["Failure", ...] = ()
     answers: Mapping[tuple[str, str], list[np.ndarray]] = field(default_factory=dict)
     chances: Mapping[tuple[str, str], Mapping[str, np.ndarray]] = field(default_factory=dict)
-    commitment: str = ""
     skipped: tuple[str, ...] = ()
 
     def _facts(self) -> Mapping[str, object]:
@@ -124,7 +119,7 @@ class Results(Pictured):
     def complete(self) -> bool:
         """Whether all of the benchmark was run: other scores are not to be compared with published ones."""
         whole = all(len(each.media) == task(name).samples for name, each in self.evaluations.items())
-        asked = [each.name for each in drawn_at(self.commitment)]
+        asked = [each.name for each in complete_run()]
         return whole and [name for name in self.evaluations if not task(name).fetched] == asked
 
     def by_family(self) -> dict[tuple[str, str], Evaluation]:
@@ -143,8 +138,8 @@ class Results(Pictured):
         """
         whole = {(name, ""): evaluation for name, evaluation in self.evaluations.items()}
         return [
-            {"version": VERSION, "task": name, "fingerprint": task(name).fingerprint, "commitment": self.commitment,
-             "family": family, **row, "chance": self._chance_of(name, family, row)}
+            {"version": VERSION, "task": name, "fingerprint": task(name).fingerprint, "family": family, **row,
+             "chance": self._chance_of(name, family, row)}
             for (name, family), evaluation in (whole | self.by_family()).items() for row in evaluation.rows()
         ]  # fmt: skip
 
@@ -164,7 +159,7 @@ class Results(Pictured):
             lines.append(f"| {cell(name)} | {' | '.join(self._cells(name, self.evaluations[name]))} |")
         means = " | ".join("–" if np.isnan(mean) else f"**{mean:.3f}**" for mean in map(self.score, self.functions))
         lines.append(f"| **mean** | {means} |")
-        lines += self._beside_chance() + self._families() + self._secrecy()
+        lines += self._beside_chance() + self._families() + self._left_out()
         if self.failures:
             lines += ["", "No answer, which counts as an image of nothing:", ""]
             lines += [f"- {each}" for each in self.failures]
@@ -212,28 +207,28 @@ class Results(Pictured):
             lines.append(f"| {row} | {' | '.join(self._cells(name, part))} |")
         return lines
 
-    def _secrecy(self) -> list[str]:
-        """Name the tasks left out at a secret seed, and the commitment."""
-        if self.skipped:
-            names = ", ".join(self.skipped)
-            return ["", f"Skipped, since their files were not named: {names}. `specklegen measured get hidden-shapes` "
-                        "fetches them, and `--measured hidden-shapes` says where they are."]  # fmt: skip
-        if not self.commitment:
+    def _left_out(self) -> list[str]:
+        """Name the tasks left out because their files were not named."""
+        if not self.skipped:
             return []
-        stored = ", ".join(each.name for each in TASKS if each.stored)
-        return ["", f"At a secret seed, commitment `{self.commitment}`. Left out, since they are not drawn: {stored}."]
+        names = ", ".join(self.skipped)
+        return ["", f"Skipped, since their files were not named: {names}. `specklegen measured get hidden-shapes` "
+                    "fetches them, and `--measured hidden-shapes` says where they are."]  # fmt: skip
 
     def write(self, folder: Path) -> None:
-        """Write results.md, results.csv, answers.npz, the data card, card.md, and an entry of each function.
+        """Write results.md, results.csv, answers.npz, and an entry of each function.
 
-        ``answers.npz`` is what others check: :func:`specklegen.models.judging.recheck.recheck` scores it anew. The
-        folder ``entries`` holds what ``results/`` of the repository collects
-        (:mod:`specklegen.models.judging.entries`), but for what their authors say of them.
+        ``answers.npz`` holds every answer, float32[B, n, n], as "task/function/batch". The folder ``entries`` holds
+        what ``results/`` of the repository collects (:mod:`specklegen.models.judging.entries`), but for what their
+        authors say of them.
         """
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "results.md").write_text(self.markdown())
-        (folder / "card.md").write_text(card())
-        write_answers(folder / "answers.npz", self)
+        batches = {
+            f"{name}/{function}/{number}": images
+            for (name, function), answers in self.answers.items() for number, images in enumerate(answers)
+        }  # fmt: skip
+        np.savez_compressed(folder / "answers.npz", **batches)  # type: ignore[arg-type]
         (folder / "entries").mkdir(exist_ok=True)
         for number, function in enumerate(self.functions):
             if all((name, function) in self.chances for name in self.evaluations if self.asked(function, name)):

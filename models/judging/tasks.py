@@ -86,11 +86,6 @@ class Task(NamedTuple):
     kind: Literal["drawn", "pages", "waves", "frames"] = "drawn"
 
     @property
-    def stored(self) -> bool:
-        """Whether its images are those of a file, at no other seed."""
-        return self.kind in ("waves", "frames")
-
-    @property
     def fetched(self) -> bool:
         """Whether a user has to fetch its images: no part of a complete run, nor of a mean over tasks."""
         return self.kind == "frames"
@@ -120,9 +115,7 @@ class Task(NamedTuple):
             return self.samples
         return min(max(samples, self.changes.get("media_group", 1) + 1), self.samples)
 
-    def batches(
-        self, numbers: Sequence[int], seed: int = SEED, measured: Path | str | None = None
-    ) -> Iterator[dict[str, Any]]:
+    def batches(self, numbers: Sequence[int], measured: Path | str | None = None) -> Iterator[dict[str, Any]]:
         """Samples of some numbers, in batches of tensors; ``measured`` is where files lie that have to be fetched.
 
         Raises
@@ -139,9 +132,9 @@ class Task(NamedTuple):
         elif self.kind == "waves":
             yield waves.batch(numbers)
         elif self.kind == "pages":
-            yield from (pages.page(recipe, number, seed) for number in numbers)
+            yield from (pages.page(recipe, number, SEED) for number in numbers)
         else:
-            yield from batches_of(recipe, numbers, seed, "test")
+            yield from batches_of(recipe, numbers, SEED, "test")
 
 
 @cache
@@ -264,9 +257,9 @@ def counted_tasks(names: Iterable[str]) -> list[str]:
     return [name for name in asked if name not in fetched] or asked
 
 
-def drawn_at(commitment: str) -> list[Task]:
-    """Tasks of a complete run: all but those that have to be fetched; at a secret seed those that are drawn."""
-    return [each for each in TASKS if not (each.fetched or (commitment and each.stored))]
+def complete_run() -> list[Task]:
+    """Tasks of a complete run: all but those that have to be fetched."""
+    return [each for each in TASKS if not each.fetched]
 
 
 def digest(tasks: tuple[Task, ...] = TASKS, seed: int = SEED) -> str:

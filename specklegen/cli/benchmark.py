@@ -25,17 +25,9 @@ def benchmark(
     ] = None,
     samples: Annotated[int | None, typer.Option(min=2, help="Images of each task (default: all).")] = None,
     baselines: Annotated[bool, typer.Option(help="Run the baselines beside.")] = True,
-    out: Annotated[Path, typer.Option(help="Folder for results and data card.")] = Path("benchmark"),
+    out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("benchmark"),
     seconds: Annotated[float, typer.Option(min=1e-3, help="Time that a function may take for 16 images.")] = 600.0,
     gibibytes: Annotated[float, typer.Option(min=1e-3, help="Memory that a function may take.")] = 8.0,
-    check: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Score the answers.npz of a run, or of an entry's JSON, anew, and exit."),
-    ] = None,
-    secret: Annotated[
-        str | None,
-        typer.Option(metavar="WORDS", help="Draw the tasks at a seed that follows from words; results state a digest."),
-    ] = None,
     measured: Annotated[
         Path | None,
         typer.Option(metavar="FOLDER", help="Clone of `specklegen measured get hidden-shapes`, for its task."),
@@ -47,7 +39,7 @@ def benchmark(
     as_json: AsJson = False,
 ) -> None:
     """Score reconstruction functions on frozen tasks: unseen media, noise, thin media, motion, beyond the range."""
-    from specklegen.models.judging.tasks import TASKS, VERSION, drawn_at, task
+    from specklegen.models.judging.tasks import TASKS, VERSION, complete_run, task
 
     if listed:
         rows = [{"version": VERSION, "task": t.name, "asks": t.asks, "fingerprint": t.fingerprint} for t in TASKS]
@@ -65,26 +57,6 @@ def benchmark(
             reject("benchmark --table", "a folder with entries, *.json", str(table))
         typer.echo(table_of(entries), nl=False)
         return
-    if check is not None:
-        from specklegen.models.judging.entries import read_entry, require_same
-        from specklegen.models.judging.recheck import missing_tasks, recheck, samples_of
-
-        entry = read_entry(check) if check.suffix == ".json" else None
-        if entry is not None:
-            if not entry.answers:
-                typer.echo(f"{entry.name}: as an entry has to be; no answers are given, so that no score is found anew")
-                return
-            check = check.parent / entry.answers
-        scores = recheck(check, secret, measured)
-        if entry is not None:
-            require_same(entry, scores)
-        typer.echo(f"mean Pearson correlations, found anew on {samples_of(check)} images a task")
-        missing = missing_tasks(check)
-        if missing:
-            typer.echo(f"not a complete run: no answers to {', '.join(missing)}")
-        for (name, function), score in scores.items():
-            typer.echo(f"{name:26s} {function:26s} {score:.3f}")
-        return
     from specklegen.models.judging.benchmark import BASELINES
     from specklegen.models.judging.benchmark import benchmark as score
     from specklegen.models.judging.isolation import Limits
@@ -94,21 +66,20 @@ def benchmark(
     if not own and not baselines:
         reject("benchmark FUNCTION", "at least one without baselines", functions)
     writable(out)
-    asked = names or [each.name for each in drawn_at(secret or "") + [x for x in TASKS if x.fetched and measured]]
+    asked = names or [each.name for each in complete_run() + [x for x in TASKS if x.fetched and measured]]
     total = sum(task(name).count(samples) for name in asked)
     with Progress(total) as progress:
         beside = tuple(BASELINES) if baselines else ()
         limits = Limits(seconds=seconds, gibibytes=gibibytes)
         results = score(
-            own, baselines=beside, tasks=names, samples=samples, progress=progress, limits=limits, secret=secret,
-            measured=measured,
+            own, baselines=beside, tasks=names, samples=samples, progress=progress, limits=limits, measured=measured
         )  # fmt: skip
     results.write(out)
     if as_json:
         echo_json(results.rows())
         return
     typer.echo(results.markdown())
-    typer.echo(", ".join(str(out / name) for name in ("results.md", "results.csv", "answers.npz", "card.md")))
+    typer.echo(", ".join(str(out / name) for name in ("results.md", "results.csv", "answers.npz")))
 
 
 def _function(text: str) -> Callable[[Any], Any]:

@@ -43,7 +43,7 @@ def test_a_function_of_a_file_is_scored(mine, tmp_path):
     result = run(*words)
     assert result.exit_code == 0, result.output
     assert "| thin | 0.000 [0.000, 0.000] |" in result.output
-    assert (tmp_path / "out" / "card.md").is_file()
+    assert (tmp_path / "out" / "answers.npz").is_file()
     rows = json.loads(run(*words, "--json").stdout)
     assert {row["task"] for row in rows} == {"thin"}
 

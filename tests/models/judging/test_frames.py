@@ -9,9 +9,8 @@ from specklegen.core.errors import RuleError
 from specklegen.measured import public_data
 from specklegen.models import benchmark
 from specklegen.models.judging import frames
-from specklegen.models.judging.recheck import missing_tasks, recheck
 from specklegen.models.judging.results import Results
-from specklegen.models.judging.tasks import TASKS, counted_tasks, drawn_at, task
+from specklegen.models.judging.tasks import TASKS, complete_run, counted_tasks, task
 
 NAME = "measured frames"
 
@@ -94,13 +93,11 @@ def test_without_files_the_task_is_skipped_and_said(tmp_path):
         benchmark(function, tasks=["thin"], samples=2, measured=tmp_path)
     with pytest.raises(RuleError, match="asked where its files are"):
         next(task(NAME).batches(range(2)))
-    with pytest.raises(RuleError, match="where it is secret"):
-        benchmark(function, tasks=[NAME], secret="words that are long enough")
 
 
 def test_it_is_no_part_of_a_complete_run_nor_of_a_mean():
     assert [each.name for each in TASKS if each.fetched] == [NAME]
-    assert NAME not in [each.name for each in drawn_at("")]
+    assert NAME not in [each.name for each in complete_run()]
     assert counted_tasks(["thin", NAME]) == ["thin"]
     assert counted_tasks([NAME]) == [NAME]
 
@@ -119,7 +116,7 @@ def there(monkeypatch):
     monkeypatch.setattr(frames, "images", seen)
 
 
-def test_measured_frames_are_scored_beside_another_task(there, tmp_path):
+def test_measured_frames_are_scored_beside_another_task(there):
     """What cuts the shape out is right, by the mean of all tasks it is nothing: that is of the other task alone."""
     results = benchmark(
         {"cuts": lambda batch: batch["image"][:, 100:136, 100:136] > 1 if batch["image"].shape[1] > 200
@@ -131,10 +128,6 @@ def test_measured_frames_are_scored_beside_another_task(there, tmp_path):
     assert results.score("cuts") == results.interval("cuts", "thin").mean == 0
     assert results.evaluations[NAME].labels.tolist() == [*range(8), 0, 1]
     assert results.evaluations[NAME].media.tolist() == [0] * 8 + [1] * 2
-    results.write(tmp_path)
-    found = recheck(tmp_path / "answers.npz", measured="somewhere")
-    assert found[NAME, "cuts"] == pytest.approx(results.interval("cuts", NAME).mean, abs=1e-6)
-    assert NAME not in missing_tasks(tmp_path / "answers.npz")
 
 
 def test_the_grain_that_was_measured_is_told(there):
