@@ -3,9 +3,9 @@ from .judging.evaluation import evaluate as evaluate
 from .learning.networks.network import Network as Network
 from .learning.reconstructor import Reconstructor as Reconstructor
 from .learning.reconstructor import load_pretrained as load_pretrained
+from .learning.settings import Training as Training
 from .learning.solver import Solver as Solver
 from .learning.solver import load_solver as load_solver
-from .learning.training import Training as Training
 from .learning.training import train as train
 from .likelihood.common_medium import Joint as Joint
 from .likelihood.common_medium import joint_objects as joint_objects

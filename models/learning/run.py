@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
@@ -22,10 +22,8 @@ from specklegen.models.learning.losses import Loss
 from specklegen.models.learning.networks import build
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.run_record import require_same_run, write_record
+from specklegen.models.learning.settings import Training
 from specklegen.models.learning.targets import TARGETS
-
-if TYPE_CHECKING:
-    from specklegen.models.learning.training import Training
 
 _CHUNK = 256  # samples at once where no gradient is kept
 
@@ -66,7 +64,7 @@ class Run:
     """State of a run; all of it is in the checkpoint."""
 
     def __init__(
-        self, training: "Training", validation: Examples, folder: Path, device: str, record: dict[str, Any],
+        self, training: Training, validation: Examples, folder: Path, device: str, record: dict[str, Any],
         begun: float, require_own: Callable[[], None], start: Reconstructor | None = None,
     ) -> None:  # fmt: skip
         if start is not None:
@@ -212,7 +210,7 @@ class Run:
         self.finished = self.epoch >= self.training.epochs or self.stale >= self.training.patience
 
 
-def untrained(training: "Training", validation: Examples, device: str = "cpu") -> Reconstructor:
+def untrained(training: Training, validation: Examples, device: str = "cpu") -> Reconstructor:
     """The network of a run before its first step."""
     side, shape = validation.inputs.shape[-1], (validation.targets.shape[-2], validation.targets.shape[-1])
     network = build(training.network, side, shape, training.width, training.seed).to(device)
@@ -221,7 +219,7 @@ def untrained(training: "Training", validation: Examples, device: str = "cpu") -
     )
 
 
-def require_fit(start: Reconstructor, training: "Training", validation: Examples) -> None:
+def require_fit(start: Reconstructor, training: Training, validation: Examples) -> None:
     """Refuse to begin with the weights of another network than the one that is trained."""
     wanted = {
         "target": training.target, "network": training.network, "width": training.width, "input": training.input,

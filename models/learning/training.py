@@ -15,113 +15,25 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Any
 
 import numpy as np
 import torch
-from pydantic import model_validator
 from torch import Tensor
 
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
-from specklegen.core.registry import one_of
-from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
 from specklegen.models.learning.examples import Examples
-from specklegen.models.learning.inputs import FEATURES, INPUTS
 from specklegen.models.learning.interrupts import Interrupt, deferred
 from specklegen.models.learning.losses import loss_named
-from specklegen.models.learning.networks import NETWORKS, NetworkName
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.run import Run
 from specklegen.models.learning.run_record import alone, record
+from specklegen.models.learning.settings import Training
 from specklegen.models.learning.targets import TARGETS
 
 WARM_UP = 50
 """Steps over which the learning rate rises from 0."""
-
-
-class Training(Value):
-    """What decides a network, given its data.
-
-    Parameters
-    ----------
-    target
-        What it is to tell: the "object", its "label" (a class), the memory-effect "range", the "material" (range,
-        thickness, optical depth, g), or the "motion" (tau0, share of the light at rest), or the map of its "contrast".
-    input
-        What the network sees: "autocorrelation", "camera" or "periodogram", the autocorrelation from the window's
-        frequencies alone, which a law draws (:class:`specklegen.models.learning.law.ByLaw`); of stacks of tilts
-        "registered", how their speckle decorrelates, or "registered+power", with the transmitted power; of exposures
-        "exposures", their contrasts, or "local-contrast", maps of them.
-    network
-        "residual" (for autocorrelations), "lags" (for numbers of a medium, from autocorrelations), "unet", "stack-unet"
-        (for recipes with several images a sample), "dense", "perceptron" (for stacks of tilts or exposures) or
-        "contrast" (for maps); or one of your own
-        (:class:`specklegen.models.Network`), by its name or by its import path, as in "my_module:Linear".
-    width
-        Channels at the top of a U-Net, or a sixteenth of the units of dense nets.
-    loss
-        A name in :data:`specklegen.models.learning.losses.LOSSES`, for objects; the other targets have losses of their
-        own.
-    learning_rate
-        Largest, of AdamW; it rises over 50 steps, then falls to 0 along a cosine.
-    weight_decay
-        Of AdamW.
-    batch_size
-        Samples a step.
-    epochs
-        Passes through the data, or through an epoch's length of a stream.
-    patience
-        Epochs without a better validation after which to stop.
-    mirror
-        Show half of the samples mirrored; only for square images without a left and right of their own.
-    seed
-        Of first weights, order and mirroring.
-
-    Examples
-    --------
-    >>> from specklegen.models import Training
-    >>> Training(network="unet", width=8, epochs=2).loss
-    'pearson-invariant'
-    """
-
-    target: Annotated[str, one_of(TARGETS)] = "object"
-    input: Annotated[str, one_of([*INPUTS, *FEATURES])] = "autocorrelation"
-    network: NetworkName = "unet"
-    width: PositiveInt = 16
-    loss: str = "pearson-invariant"
-    learning_rate: Positive = 3e-3
-    weight_decay: NonNegative = 0.01
-    batch_size: PositiveInt = 64
-    epochs: PositiveInt = 20
-    patience: PositiveInt = 10
-    mirror: bool = False
-    seed: int = 0
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        network = NETWORKS[self.network]
-        if self.input not in network.inputs:
-            reject("Training.input", f"one of {', '.join(network.inputs)} for the network {self.network!r}", self.input,
-                   f"Networks for this input: {_able('inputs', self.input)}.")  # fmt: skip
-        if self.target not in network.targets:
-            reject("Training.target", f"one of {', '.join(network.targets)} for the network {self.network!r}",
-                   self.target, f"Networks for this target: {_able('targets', self.target)}.")  # fmt: skip
-        if self.target != "object" and self.mirror:
-            reject("Training.mirror", "false where the target is no object", self.mirror)
-        if self.target == "object":
-            loss_named(self.loss)  # refused before anything is rendered
-        return self
-
-    @property
-    def of_objects(self) -> bool:
-        """Whether what it is to tell needs hidden objects."""
-        return TARGETS[self.target].hidden
-
-
-def _able(what: str, name: str) -> str:
-    """Names of the networks that can see or tell something."""
-    return ", ".join(each for each in NETWORKS if name in getattr(NETWORKS[each], what)) or "none"
 
 
 Batches = Callable[[int, int], Iterator[tuple[Tensor, Tensor]]]

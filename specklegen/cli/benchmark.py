@@ -4,38 +4,31 @@ import importlib
 import importlib.util
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from specklegen.cli.output import AsJson, Progress, echo_json, writable
+from specklegen.cli.settings import argument, option
 from specklegen.core.errors import reject
 
 
 def benchmark(
-    functions: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="FUNCTION...",
-            help="Yours: FILE.py:NAME, MODULE:NAME, or a network's best.pt; nothing for the baselines alone.",
-        ),
-    ] = None,
-    tasks: Annotated[
-        list[str] | None, typer.Option("--task", metavar="NAME", help="Of --list; repeatable (default: all).")
-    ] = None,
-    samples: Annotated[int | None, typer.Option(min=2, help="Images of each task (default: all).")] = None,
-    baselines: Annotated[bool, typer.Option(help="Run the baselines beside.")] = True,
-    out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("benchmark"),
-    seconds: Annotated[float, typer.Option(min=1e-3, help="Time that a function may take for 16 images.")] = 600.0,
-    gibibytes: Annotated[float, typer.Option(min=1e-3, help="Memory that a function may take.")] = 8.0,
-    measured: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Clone of `specklegen measured get hidden-shapes`, for its task."),
-    ] = None,
-    table: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Print the table of a folder of entries, and exit.")
-    ] = None,
-    listed: Annotated[bool, typer.Option("--list", help="List the tasks and exit.")] = False,
+    functions: list[str] | None = argument(
+        None, "Yours: FILE.py:NAME, MODULE:NAME, or a network's best.pt; nothing for the baselines alone.",
+        metavar="FUNCTION...",
+    ),
+    tasks: list[str] | None = option(None, "Of --list; repeatable (default: all).", "--task", metavar="NAME"),
+    samples: int | None = option(None, "Images of each task (default: all).", min=2),
+    baselines: bool = option(True, "Run the baselines beside."),
+    out: Path = option(Path("benchmark"), "Folder for results."),
+    seconds: float = option(600.0, "Time that a function may take for 16 images.", min=1e-3),
+    gibibytes: float = option(8.0, "Memory that a function may take.", min=1e-3),
+    measured: Path | None = option(
+        None, "Clone of `specklegen measured get hidden-shapes`, for its task.", metavar="FOLDER",
+    ),
+    table: Path | None = option(None, "Print the table of a folder of entries, and exit.", metavar="FOLDER"),
+    listed: bool = option(False, "List the tasks and exit.", "--list"),
     as_json: AsJson = False,
 ) -> None:
     """Score reconstruction functions on frozen tasks: unseen media, noise, thin media, motion, beyond the range."""

@@ -4,6 +4,7 @@ Thin: a command reads its arguments, calls one function of the library, and show
 """
 
 from collections.abc import Callable
+from inspect import getdoc
 from typing import Annotated
 
 import typer
@@ -28,6 +29,7 @@ from specklegen.cli import (
 )
 from specklegen.cli.examples import epilog
 from specklegen.cli.failures import failures_told
+from specklegen.cli.settings import Generated, unmade
 
 app = typer.Typer(
     help="Correlated speckle image stacks, and data sets for seeing through scattering media.",
@@ -81,7 +83,8 @@ COMMANDS: dict[str, Callable[..., None]] = {
 """Every command by its name."""
 _CLASSES = {"fit-camera": fit_camera.ManyFiles}
 for _name, _command in COMMANDS.items():
-    app.command(_name, cls=_CLASSES.get(_name), epilog=epilog(_name))(_command)
+    _class = _CLASSES.get(_name, Generated).of(_command)
+    app.command(_name, cls=_class, help=getdoc(_command), epilog=epilog(_name))(unmade)
 
 
 def main(words: list[str] | None = None) -> None:

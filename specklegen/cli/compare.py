@@ -1,13 +1,11 @@
 """The command ``specklegen compare``: which sampler is best for one's own scene, by measurement."""
 
-import csv
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from specklegen.cli.output import AsJson, echo_json, picture_file, writable
+from specklegen.cli.output import AsJson, echo_json, require_writable, writable, write_csv
 from specklegen.cli.recipe_options import Seed, Set, load, names_starting_with
+from specklegen.cli.settings import argument, option
 from specklegen.core.errors import reject
 from specklegen.core.tables import json_table, read_text, toml_table
 
@@ -18,18 +16,15 @@ _COLUMNS = ("sampler", "count", "CPU s", "wall s", "MiB", "standard error", "1/(
 
 
 def compare_command(
-    what: Annotated[
-        str,
-        typer.Argument(
-            help="A packaged recipe, a recipe's TOML file, or a scene as TOML or JSON.",
-            autocompletion=names_starting_with,
-        ),
-    ],
-    seconds: Annotated[float, typer.Option(help="Processor time for all samplers together.")] = 20.0,
+    what: str = argument(
+        ..., "A packaged recipe, a recipe's TOML file, or a scene as TOML or JSON.",
+        autocompletion=names_starting_with,
+    ),
+    seconds: float = option(20.0, "Processor time for all samplers together."),
     seed: Seed = 0,
     changes: Set = None,
-    table: Annotated[Path | None, typer.Option("--csv", help="CSV to write.")] = None,
-    out: Annotated[Path | None, typer.Option(help="PNG to write: error against time.")] = None,
+    table: Path | None = option(None, "CSV to write.", "--csv"),
+    out: Path | None = option(None, "PNG to write: error against time."),
     as_json: AsJson = False,
 ) -> None:
     """Run every sampler that serves a scene at growing counts: error, time, memory, and what a second buys."""
@@ -41,8 +36,7 @@ def compare_command(
     if not 0 < seconds < float("inf"):
         reject("--seconds", "greater than 0 and finite", seconds)
     scene = scene_of(what, changes)
-    if out is not None:
-        picture_file("compare --out", out)
+    require_writable("compare --out", out)
     if table is not None:
         writable(table.parent, "compare --csv")
     say = (lambda line: None) if as_json else tqdm.write
@@ -77,8 +71,7 @@ def compare_command(
         "a few points, relative; that of the closed form is the light that it leaves out over the light that it gives."
     )
     if table is not None:
-        with table.open("w", newline="") as file:
-            csv.writer(file).writerows([_COLUMNS, *(_cells(row) for row in rows)])
+        write_csv(table, _COLUMNS, map(_cells, rows))
     if out is not None:
         curves = {
             name: ([r.cost.cpu_seconds for r in rows if r.sampler == name and r.standard_error > 0],

@@ -3,18 +3,16 @@
 import threading
 import webbrowser
 from importlib.util import find_spec
-from typing import Annotated
 
 import typer
 
+from specklegen.cli.settings import option
 from specklegen.core.errors import ToldError
 
 
 def explore(
-    port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Where to serve (default: 2718, or a free port).")
-    ] = None,
-    browser: Annotated[bool, typer.Option(help="Open it in the browser.")] = True,
+    port: int | None = option(None, "Where to serve (default: 2718, or a free port).", min=1, max=65535),
+    browser: bool = option(True, "Open it in the browser."),
 ) -> None:
     """Explore slabs, objects and cameras with sliders, in a browser on this machine; Ctrl-C ends it."""
     if find_spec("marimo") is None:

@@ -1,11 +1,10 @@
 """The command ``specklegen fit-material``: a slab from tables of measured curves, and a recipe of it."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from specklegen.cli.output import AsJson, echo_json, picture_file, writable
+from specklegen.cli.output import AsJson, require_writable, show_fit
+from specklegen.cli.settings import option
 from specklegen.core.errors import reject
 
 if TYPE_CHECKING:
@@ -16,23 +15,17 @@ _RELATIVE = 0.02
 
 
 def fit_material(
-    wavelength: Annotated[float, typer.Option(help="Inside the medium; fixes the unit of every length.")],
-    tilt: Annotated[Path | None, typer.Option(help="CSV: tilt in radians, C_I, standard error.")] = None,
-    movie: Annotated[Path | None, typer.Option(help="CSV: lag, g2, standard error.")] = None,
-    bandwidth: Annotated[
-        Path | None, typer.Option(help="CSV: full width in wavenumber, contrast, standard error.")
-    ] = None,
-    transmittance: Annotated[
-        str | None, typer.Option(help="Share of the light that leaves behind: .31, or .31+-.01 (else +- 2 %).")
-    ] = None,
-    ballistic: Annotated[
-        str | None, typer.Option(help="Share of the light that goes straight through, such as .05+-.002.")
-    ] = None,
-    known: Annotated[list[str] | None, typer.Option(help="What is known, such as thickness=1000.")] = None,
-    free: Annotated[str, typer.Option(help="What is to be found, apart by commas.")] = "",
-    name: Annotated[str, typer.Option(help="Of the recipe.")] = "my-bench",
-    out: Annotated[Path | None, typer.Option(help="TOML to write: a recipe of tilt stacks of this material.")] = None,
-    picture: Annotated[Path | None, typer.Option(help="PNG to write: the residuals.")] = None,
+    wavelength: float = option(..., "Inside the medium; fixes the unit of every length."),
+    tilt: Path | None = option(None, "CSV: tilt in radians, C_I, standard error."),
+    movie: Path | None = option(None, "CSV: lag, g2, standard error."),
+    bandwidth: Path | None = option(None, "CSV: full width in wavenumber, contrast, standard error."),
+    transmittance: str | None = option(None, "Share of the light that leaves behind: .31, or .31+-.01 (else +- 2 %)."),
+    ballistic: str | None = option(None, "Share of the light that goes straight through, such as .05+-.002."),
+    known: list[str] | None = option(None, "What is known, such as thickness=1000."),
+    free: str = option("", "What is to be found, apart by commas."),
+    name: str = option("my-bench", "Of the recipe."),
+    out: Path | None = option(None, "TOML to write: a recipe of tilt stacks of this material."),
+    picture: Path | None = option(None, "PNG to write: the residuals."),
     as_json: AsJson = False,
 ) -> None:
     """Fit a slab to what you measured: memory effect, transmittance, correlation in time, contrast."""
@@ -40,16 +33,12 @@ def fit_material(
     from specklegen.measured import Transmittance as Sphere
     from specklegen.models.calibration.material_fit import fit_material as fit
 
-    if out is not None:
-        if out.suffix.lower() != ".toml" or out.is_dir():
-            reject(f"{_OWNER} --out", "a file whose name ends in .toml", str(out))
-        writable(out.parent, f"{_OWNER} --out")
-    if picture is not None:
-        picture_file(f"{_OWNER} --picture", picture)
+    require_writable(f"{_OWNER} --out", out, ".toml")
+    require_writable(f"{_OWNER} --picture", picture)
     files = ((MemoryCurve, tilt), (TemporalCurve, movie), (ContrastVersusBandwidth, bandwidth))
     observations = [kind.read(file) for kind, file in files if file is not None]
     shares = ((Sphere, transmittance, "--transmittance"), (BallisticFraction, ballistic, "--ballistic"))
-    observations += [_share(kind, text, option) for kind, text, option in shares if text is not None]
+    observations += [_share(kind, text, flag) for kind, text, flag in shares if text is not None]
     if not observations:
         reject(f"{_OWNER}", "given measurements", "none", "Name a file by --tilt, say.")
     numbers = dict(_number(each) for each in known or [])
@@ -59,26 +48,15 @@ def fit_material(
     material = fit(observations, wavelength=wavelength, known=numbers, free=names)
     if out is not None:
         out.write_text(material.recipe(name), encoding="utf-8")
-    if picture is not None:
-        figure = material.plot().get_figure()
-        assert figure is not None
-        figure.savefig(picture, dpi=120)
-    if as_json:
-        echo_json({
-            "values": material.values, "intervals": {"0.68": material.interval(0.68), "0.95": material.interval(0.95)},
-            "chi_squared": material.chi_squared, "degrees": material.degrees, "p_value": material.p_value,
-            "degenerate": material.degenerate, "doubts": material.doubts,
-        })  # fmt: skip
-        return
-    for key, value in material._facts().items():
-        typer.echo(f"{key}: {value}")
-    for file in (out, picture):
-        if file is not None:
-            typer.echo(str(file))
+    show_fit(material, lambda: {
+        "values": material.values, "intervals": {"0.68": material.interval(0.68), "0.95": material.interval(0.95)},
+        "chi_squared": material.chi_squared, "degrees": material.degrees, "p_value": material.p_value,
+        "degenerate": material.degenerate, "doubts": material.doubts,
+    }, as_json, picture, out)  # fmt: skip
 
 
 def _share(
-    kind: "type[Transmittance | BallisticFraction]", text: str, option: str
+    kind: "type[Transmittance | BallisticFraction]", text: str, flag: str
 ) -> "Transmittance | BallisticFraction":  # fmt: skip
     value, _, error = text.replace("±", "+-").partition("+-")
     try:
@@ -87,7 +65,7 @@ def _share(
     except ValueError as broken:
         if type(broken) is not ValueError:
             raise
-        reject(f"{_OWNER} {option}", "a number, or a number and its error such as .31+-.01", text)
+        reject(f"{_OWNER} {flag}", "a number, or a number and its error such as .31+-.01", text)
 
 
 def _number(text: str) -> tuple[str, float]:

@@ -6,16 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from specklegen.cli.output import AsJson, echo_json, writable
-from specklegen.cli.recipe_options import (
-    Images,
-    Objects,
-    Seed,
-    Set,
-    Split,
-    load,
-    load_hidden,
-    names_starting_with,
-)
+from specklegen.cli.recipe_options import Images, Objects, Seed, Set, Split, load, load_hidden, names_starting_with
+from specklegen.cli.settings import argument, option
 from specklegen.core.errors import reject
 
 if TYPE_CHECKING:
@@ -33,20 +25,17 @@ Network = Annotated[
 
 
 def evaluate(
-    models: Annotated[list[Path] | None, typer.Argument(help="Models (best.pt); by default the packaged one.")] = None,
-    recipe: Annotated[
-        str | None,
-        typer.Option(
-            help="What to test on (default: one-angular-size; characters-of-new-fonts for labels, registered-tilts for "
-            "materials, lsci-slab for motion, flow-vessel for contrast).", autocompletion=names_starting_with,
-        ),
-    ] = None,
+    models: list[Path] | None = argument(None, "Models (best.pt); by default the packaged one."),
+    recipe: str | None = option(
+        None, "What to test on (default: one-angular-size; characters-of-new-fonts for labels, registered-tilts for "
+        "materials, lsci-slab for motion, flow-vessel for contrast).", autocompletion=names_starting_with,
+    ),
     split: Split = "test",
-    samples: Annotated[int, typer.Option(min=1, max=MOST_KEPT, help="Images.")] = 32,
-    katz: Annotated[bool, typer.Option(help="Phase retrieval beside, plain and with C_I.")] = True,
-    restarts: Annotated[int, typer.Option(min=1, max=1000, help="Of phase retrieval.")] = 10,
-    solver: Annotated[bool, typer.Option(help="The solver for any object beside.")] = False,
-    out: Annotated[Path, typer.Option(help="Folder for tables and contact sheet.")] = Path("evaluation"),
+    samples: int = option(32, "Images.", min=1, max=MOST_KEPT),
+    katz: bool = option(True, "Phase retrieval beside, plain and with C_I."),
+    restarts: int = option(10, "Of phase retrieval.", min=1, max=1000),
+    solver: bool = option(False, "The solver for any object beside."),
+    out: Path = option(Path("evaluation"), "Folder for tables and contact sheet."),
     network: Network = None,
     seed: Seed = 0,
     changes: Set = None,

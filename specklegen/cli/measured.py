@@ -1,12 +1,12 @@
 """The command ``specklegen measured``: public measurements of other laboratories, listed, fetched and checked."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from specklegen.cli.examples import epilog
 from specklegen.cli.output import AsJson, echo_json
+from specklegen.cli.settings import argument, option
 from specklegen.core.errors import counted
 
 measured = typer.Typer(
@@ -34,9 +34,9 @@ def list_measured(as_json: AsJson = False) -> None:
 
 @measured.command("get", epilog=epilog("measured get"))
 def get_measured(
-    name: Annotated[str, typer.Argument(help="Name of the set; `specklegen measured list` has them all.")],
-    out: Annotated[Path | None, typer.Option(help="Folder to clone into, or a clone to check (default: NAME).")] = None,
-    source: Annotated[str | None, typer.Option(help="Address or path of another clone (default: GitHub).")] = None,
+    name: str = argument(..., "Name of the set; `specklegen measured list` has them all."),
+    out: Path | None = option(None, "Folder to clone into, or a clone to check (default: NAME)."),
+    source: str | None = option(None, "Address or path of another clone (default: GitHub)."),
 ) -> None:
     """Clone the files of a set by git, no others, and hold each against its digest."""
     from specklegen.measured import public_data

@@ -1,50 +1,40 @@
 """Options of commands that read a laboratory's frames: what belongs to them, in the words of ``read_measurement``."""
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-import typer
-
+from specklegen.cli.settings import option
 from specklegen.core.errors import reject
 
 if TYPE_CHECKING:
     from specklegen.measured import Measurement
 
-Dark = Annotated[list[str] | None, typer.Option(help="Frames without light: files, folders or patterns.")]
-Flat = Annotated[list[str] | None, typer.Option(help="Frames of even light, which pixels' sensitivity is read off.")]
-Envelope = Annotated[str, typer.Option(help='Envelope of the light: "fit", "none", or a file with an image of it.')]
-RegionOption = Annotated[
-    str | None, typer.Option("--region", help='Part of the frame: "find" what is lit, or top,left,height,width.')
-]
-Keep = Annotated[str | None, typer.Option(help="Frames of a file that are kept, such as 3 or 0:10.")]
-Variable = Annotated[str | None, typer.Option(help="Array in a MATLAB or HDF5 file that has several.")]
 
+@dataclass(frozen=True)
+class FrameOptions:
+    """Frames of a laboratory, and how they are read."""
 
-def reader(
-    dark: list[str] | None, flat: list[str] | None, envelope: str, region: str | None, keep: str | None,
-    variable: str | None, background: float = 0.0,
-) -> Callable[[Any], "Measurement"]:  # fmt: skip
-    """Reader of frames with what these options say; ``background`` is the black level without dark frames.
+    background: float = option(0.0, "Image value without light, taken off first.")
+    dark: list[str] | None = option(None, "Frames without light: files, folders or patterns.")
+    flat: list[str] | None = option(None, "Frames of even light, which pixels' sensitivity is read off.")
+    envelope: str = option("fit", 'Envelope of the light: "fit", "none", or a file with an image of it.')
+    region: str | None = option(None, 'Part of the frame: "find" what is lit, or top,left,height,width.')
+    keep: str | None = option(None, "Frames of a file that are kept, such as 3 or 0:10.")
+    variable: str | None = option(None, "Array in a MATLAB or HDF5 file that has several.")
 
-    Raises
-    ------
-    RuleError
-        If an option cannot be what it should.
-    """
-    from specklegen.measured import read_measurement
+    def reader(self) -> Callable[[Any], "Measurement"]:
+        """Return a function that reads frames as these options say; refuse options that do not go together."""
+        from specklegen.measured import read_measurement
 
-    if dark and background:
-        reject("--background", "0 with --dark", background, "Dark frames say what the black level is.")
-    options: dict[str, Any] = {
-        "dark": dark or background, "flat": flat or None, "envelope": None if envelope == "none" else envelope,
-        "region": _region(region), "frames": _frames(keep), "variable": variable,
-    }  # fmt: skip
-
-    def read(source: str | Path | Sequence[str | Path] | Any) -> "Measurement":
-        return read_measurement(source, **options)
-
-    return read
+        if self.dark and self.background:
+            reject("--background", "0 with --dark", self.background, "Dark frames say what the black level is.")
+        options: dict[str, Any] = {
+            "dark": self.dark or self.background, "flat": self.flat or None,
+            "envelope": None if self.envelope == "none" else self.envelope,
+            "region": _region(self.region), "frames": _frames(self.keep), "variable": self.variable,
+        }  # fmt: skip
+        return lambda source: read_measurement(source, **options)
 
 
 def _region(text: str | None) -> "str | list[int] | None":

@@ -1,8 +1,9 @@
 """What commands show: JSON, a bar with the remaining time, folders that can be written."""
 
+import csv
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
@@ -61,17 +62,45 @@ class Progress:
         self.done = done
 
 
-def picture_file(field: str, file: Path) -> None:
-    """Check where a picture is to go, before the work starts.
-
-    Raises
-    ------
-    RuleError
-        If its name is not that of a PNG, or its folder cannot be written.
-    """
-    if file.suffix.lower() != ".png" or file.is_dir():
-        reject(field, "a file whose name ends in .png", str(file))
+def require_writable(field: str, file: Path | None, suffix: str = ".png") -> None:
+    """Refuse a file, if one is asked for, that has another suffix or cannot be written; call it before the work."""
+    if file is None:
+        return
+    if file.suffix.lower() != suffix or file.is_dir():
+        reject(field, f"a file whose name ends in {suffix}", str(file))
     writable(file.parent, field)
+
+
+def require_left_out(command: str, reason: str, **options: Any) -> None:
+    """Refuse options that are given where they have no meaning."""
+    for name, value in options.items():
+        if value is not None and value is not False and value != []:
+            shown = str(value) if isinstance(value, Path) else value
+            reject(f"{command} --{name.replace('_', '-')}", f"left out {reason}", shown)
+
+
+def show_fit(result: Any, table: Callable[[], Any], as_json: bool, picture: Path | None, *files: Path | None) -> None:
+    """Save the picture of a result, and print its facts and the files written, or its table as JSON."""
+    if picture is not None:
+        figure = result.plot().get_figure()
+        assert figure is not None
+        figure.savefig(picture, dpi=120)
+    if as_json:
+        echo_json(table())
+        return
+    for name, value in result._facts().items():
+        typer.echo(f"{name}: {value}")
+    for file in (*files, picture):
+        if file is not None:
+            typer.echo(str(file))
+
+
+def write_csv(file: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Write a table; numbers get six digits."""
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream)
+        table.writerow(header)
+        table.writerows([f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row] for row in rows)
 
 
 def writable(folder: Path, field: str = "--out") -> None:

@@ -2,13 +2,14 @@
 
 import resource
 from datetime import datetime
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from specklegen.cli.examples import epilog
 from specklegen.cli.output import AsJson, echo_json
 from specklegen.cli.recipe_options import Images, RecipeName, Set, load, names_starting_with
+from specklegen.cli.settings import argument, option
 from specklegen.core.errors import counted
 
 if TYPE_CHECKING:
@@ -59,9 +60,7 @@ def show_recipe(recipe: RecipeName, changes: Set = None, as_json: AsJson = False
 
 @recipes.command("schema", epilog=epilog("recipes schema"))
 def recipe_schema_command(
-    name: Annotated[
-        str, typer.Argument(help="A kind of recipe, or a recipe of that kind.", autocompletion=names_starting_with)
-    ],
+    name: str = argument(..., "A kind of recipe, or a recipe of that kind.", autocompletion=names_starting_with),
 ) -> None:
     """Print the JSON schema of a kind of recipe."""
     from specklegen.datasets.recipes.registry import recipe_schema
@@ -71,12 +70,12 @@ def recipe_schema_command(
 
 def plan(
     recipe: RecipeName,
-    samples: Annotated[int | None, typer.Option(min=1, help="Samples to cost (default: an epoch of train).")] = None,
+    samples: int | None = option(None, "Samples to cost (default: an epoch of train).", min=1),
     changes: Set = None,
     images: Images = None,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="With the reason for each part.")] = False,
+    verbose: bool = option(False, "With the reason for each part.", "--verbose", "-v"),
     as_json: AsJson = False,
-    anew: Annotated[bool, typer.Option("--anew", help="Plan and measure again, whatever was answered before.")] = False,
+    anew: bool = option(False, "Plan and measure again, whatever was answered before.", "--anew"),
 ) -> None:
     """Tell how a recipe's scenes are rendered, which parts are left out, and the cost; with --verbose, why.
 

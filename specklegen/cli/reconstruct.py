@@ -1,13 +1,14 @@
 """The command ``specklegen reconstruct``: one's own camera images, and what was behind the slab."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from specklegen.cli.measurement_options import Dark, Envelope, Flat, Keep, RegionOption, Variable, reader
+from specklegen.cli.measurement_options import FrameOptions
 from specklegen.cli.output import AsJson, echo_json, json_text, writable
 from specklegen.cli.recipe_options import Seed, Set, load_hidden, names_starting_with
+from specklegen.cli.settings import argument, option
 from specklegen.core.errors import RuleError, reject
 
 if TYPE_CHECKING:
@@ -24,42 +25,24 @@ if TYPE_CHECKING:
 
 
 def reconstruct(
-    images: Annotated[
-        list[Path], typer.Argument(metavar="IMAGE...", help="Camera images: TIFF, PNG, BMP, NPY, HDF5, MATLAB.")
-    ],
-    setup: Annotated[
-        str,
-        typer.Option(
-            help="Your setup: a recipe with hidden objects, packaged or as TOML (window, camera, slab, object pitch).",
-            autocompletion=names_starting_with,
-        ),
-    ],
-    out: Annotated[Path, typer.Option(help="Folder for pictures and report.")] = Path("reconstruction"),
-    frames: Annotated[
-        bool,
-        typer.Option("--frames", help="All images, and all their pages, show one object through states of the medium."),
-    ] = False,
-    together: Annotated[
-        bool,
-        typer.Option("--together", help="All images, and all their pages, show objects through one medium at rest."),
-    ] = False,
-    background: Annotated[float, typer.Option(help="Image value without light, taken off first.")] = 0.0,
-    dark: Dark = None,
-    flat: Flat = None,
-    envelope: Envelope = "fit",
-    region: RegionOption = None,
-    keep: Keep = None,
-    variable: Variable = None,
-    memory_effect: Annotated[
-        Path | None, typer.Option(help="CSV of the measured C_I: distance on the camera in pixels, C_I.")
-    ] = None,
-    fit: Annotated[
-        bool | None,
-        typer.Option("--fit-range/--no-fit-range", help="Fit the memory-effect range (default: of slabs in ranges)."),
-    ] = None,
-    draws: Annotated[
-        int, typer.Option(help="Pictures to draw of each object that explain its image: 0 for none, else 2 to 64.")
-    ] = 0,
+    reading: FrameOptions,
+    images: list[Path] = argument(..., "Camera images: TIFF, PNG, BMP, NPY, HDF5, MATLAB.", metavar="IMAGE..."),
+    setup: str = option(
+        ..., "Your setup: a recipe with hidden objects, packaged or as TOML (window, camera, slab, object pitch).",
+        autocompletion=names_starting_with,
+    ),
+    out: Path = option(Path("reconstruction"), "Folder for pictures and report."),
+    frames: bool = option(
+        False, "All images, and all their pages, show one object through states of the medium.", "--frames",
+    ),
+    together: bool = option(
+        False, "All images, and all their pages, show objects through one medium at rest.", "--together",
+    ),
+    memory_effect: Path | None = option(None, "CSV of the measured C_I: distance on the camera in pixels, C_I."),
+    fit: bool | None = option(
+        None, "Fit the memory-effect range (default: of slabs in ranges).", "--fit-range/--no-fit-range",
+    ),
+    draws: int = option(0, "Pictures to draw of each object that explain its image: 0 for none, else 2 to 64."),
     seed: Seed = 0,
     changes: Set = None,
     as_json: AsJson = False,
@@ -72,7 +55,7 @@ def reconstruct(
     from specklegen.models.recoverability.assessment import reconstruct_and_assess
 
     recipe = load_hidden(setup, changes)
-    read = reader(dark, flat, envelope, region, keep, variable, background)
+    read = reading.reader()
     pictures, pages, notes, verdicts = [], [], [], []
     for path in images:
         measured = _measured(path, read, notes)

@@ -1,13 +1,14 @@
 """The command ``specklegen recoverable``: whether phase retrieval works on a scene or on photographs, and why not."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from specklegen.cli.fit_setup import black_level
-from specklegen.cli.output import AsJson, echo_json
+from specklegen.cli.output import AsJson, echo_json, require_left_out
 from specklegen.cli.recipe_options import Images, Seed, Set, load_hidden, names_starting_with
+from specklegen.cli.settings import argument, option
 from specklegen.core.errors import reject
 
 if TYPE_CHECKING:
@@ -15,30 +16,19 @@ if TYPE_CHECKING:
 
 
 def recoverable(
-    what: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="RECIPE | PHOTOGRAPHS...", autocompletion=names_starting_with,
-            help="A packaged recipe or a TOML file; or photographs: files, folders or patterns of frames.",
-        ),
-    ],
-    compensation: Annotated[bool, typer.Option(help="Divide the autocorrelation by the material's C_I.")] = True,
-    beam: Annotated[
-        float | None, typer.Option(help="Sigma of a Gaussian envelope on the camera, in camera sides (default: even).")
-    ] = None,
-    removal: Annotated[
-        float, typer.Option(help="Sigma of the mean that the envelope is divided out with; 0 leaves it in.")
-    ] = 0.0,
-    media: Annotated[int, typer.Option(min=1, max=10_000, help="Media to draw where the recipe varies.")] = 4,
+    what: list[str] = argument(
+        ..., "A packaged recipe or a TOML file; or photographs: files, folders or patterns of frames.",
+        metavar="RECIPE | PHOTOGRAPHS...", autocompletion=names_starting_with,
+    ),
+    compensation: bool = option(True, "Divide the autocorrelation by the material's C_I."),
+    beam: float | None = option(None, "Sigma of a Gaussian envelope on the camera, in camera sides (default: even)."),
+    removal: float = option(0.0, "Sigma of the mean that the envelope is divided out with; 0 leaves it in."),
+    media: int = option(4, "Media to draw where the recipe varies.", min=1, max=10_000),
     seed: Seed = 0,
     changes: Set = None,
     images: Images = None,
-    dark: Annotated[
-        str | None, typer.Option(help="Of photographs: frames without light, or the black level in counts.")
-    ] = None,
-    camera: Annotated[
-        Path | None, typer.Option(help="Of photographs: TOML with a table [exposure], as fit-camera writes.")
-    ] = None,
+    dark: str | None = option(None, "Of photographs: frames without light, or the black level in counts."),
+    camera: Path | None = option(None, "Of photographs: TOML with a table [exposure], as fit-camera writes."),
     as_json: AsJson = False,
 ) -> None:  # fmt: skip
     """Predict whether phase retrieval recovers a recipe's objects, or those of photographs, with reasons and remedies.
@@ -48,14 +38,10 @@ def recoverable(
     from specklegen.models.recoverability.verdict import recoverable as predict
 
     if _are_photographs(what):
-        for option, given in (("--beam", beam), ("--set", changes), ("--images", images)):
-            if given is not None:
-                reject(f"recoverable {option}", "left out with photographs", given)
+        require_left_out("recoverable", "with photographs", beam=beam, set=changes, images=images)
         _photographs(what, dark, camera, as_json)
         return
-    for option, given in (("--dark", dark), ("--camera", camera)):
-        if given is not None:
-            reject(f"recoverable {option}", "left out with a recipe, which has its camera", str(given))
+    require_left_out("recoverable", "with a recipe, which has its camera", dark=dark, camera=camera)
     if beam is not None and not beam > 0:
         reject("--beam", "greater than 0", beam)
     if not 0 <= removal < float("inf"):

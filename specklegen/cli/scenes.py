@@ -1,21 +1,25 @@
 """The commands about one scene or slab: ``specklegen render``, ``memory-effect`` and ``reflectance``."""
 
-import csv
 import dataclasses
 import time
 import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from specklegen.cli.output import AsJson, echo_json, writable
+from specklegen.cli.output import AsJson, echo_json, require_left_out, writable, write_csv
 from specklegen.cli.recipe_options import Seed
+from specklegen.cli.settings import option
 from specklegen.core.errors import reject
 from specklegen.core.registry import anchored
 from specklegen.core.tables import json_table, read_text, toml_table
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from specklegen.memory_effects.curve import MemoryEffect
     from specklegen.memory_effects.temporal import TemporalCorrelation
     from specklegen.scene.media import Slab
     from specklegen.scene.scene import Scene
@@ -38,28 +42,23 @@ def render(
     wavelength: Wavelength = 0.5,
     thickness: Thickness = 1000.0,
     optical_depth: OpticalDepth = 10.0,
-    g: Annotated[float, typer.Option("--g", help="Anisotropy of scattering, -1 < g < 1.")] = 0.9,
+    g: float = option(0.9, "Anisotropy of scattering, -1 < g < 1.", "--g"),
     albedo: Albedo = 1.0,
-    width: Annotated[float, typer.Option(help="Side of the illuminated square.")] = 50_000.0,
-    tilts: Annotated[int, typer.Option(min=1, max=100_000, help="Number of tilts.")] = 5,
-    step: Annotated[float, typer.Option(help="Angle between tilts, degrees.")] = 0.0025,
-    views: Annotated[int, typer.Option(min=1, max=100_000, help="Views along each side of the image.")] = 128,
-    pitch: Annotated[
-        float | None, typer.Option(help="Direction sine between views (default: a third of a grain).")
-    ] = None,
-    paths: Annotated[int | None, typer.Option(min=1, help="Random paths to trace (default 100000).")] = None,
-    rel_error: Annotated[float | None, typer.Option(help="Instead of --paths: relative error to reach.")] = None,
-    sampler: Annotated[
-        str,
-        typer.Option(
-            help="How fields are drawn: auto, stationary, paths, covariance, convolution, screens of thin media; or "
-            "my_module:Name, a sampler of your own, whose module is run."
-        ),
-    ] = "auto",
-    scene: Annotated[Path | None, typer.Option(help="A scene as TOML or JSON, instead of the options above.")] = None,
+    width: float = option(50_000.0, "Side of the illuminated square."),
+    tilts: int = option(5, "Number of tilts.", min=1, max=100_000),
+    step: float = option(0.0025, "Angle between tilts, degrees."),
+    views: int = option(128, "Views along each side of the image.", min=1, max=100_000),
+    pitch: float | None = option(None, "Direction sine between views (default: a third of a grain)."),
+    paths: int | None = option(None, "Random paths to trace (default 100000).", min=1),
+    rel_error: float | None = option(None, "Instead of --paths: relative error to reach."),
+    sampler: str = option(
+        "auto", "How fields are drawn: auto, stationary, paths, covariance, convolution, screens of thin media; or "
+        "my_module:Name, a sampler of your own, whose module is run.",
+    ),
+    scene: Path | None = option(None, "A scene as TOML or JSON, instead of the options above."),
     seed: Seed = 0,
-    mean: Annotated[bool, typer.Option(help="Add the mean (ballistic) field.")] = False,
-    out: Annotated[Path, typer.Option(help="Folder for stack.npz, stack.png and scene.toml.")] = Path("render"),
+    mean: bool = option(False, "Add the mean (ballistic) field."),
+    out: Path = option(Path("render"), "Folder for stack.npz, stack.png and scene.toml."),
 ) -> None:
     """Render one stack of correlated speckle; write it as NPZ, with a picture and its scene."""
     import numpy as np
@@ -99,15 +98,15 @@ def render(
 
 
 def _require_unsaid(
-    context: typer.Context, said: Path | str, command: str, names: tuple[str, ...], option: str = "--scene"
+    context: typer.Context, said: Path | str, command: str, names: tuple[str, ...], flag: str = "--scene"
 ) -> None:
     """Refuse options that a scene's file, or a preset, would silently overrule."""
     sources = {name: context.get_parameter_source(name) for name in names}
     given = [name for name, source in sources.items() if source is not None and source.name == "COMMANDLINE"]
     if given:
         options = ", ".join("--" + name.replace("_", "-") for name in given)
-        remedy = "Change the file instead." if option == "--scene" else f"Leave {option} out to describe a slab."
-        reject(f"{command} {options}", f"left out with {option}, which says it", str(said), remedy)
+        remedy = "Change the file instead." if flag == "--scene" else f"Leave {flag} out to describe a slab."
+        reject(f"{command} {options}", f"left out with {flag}, which says it", str(said), remedy)
 
 
 def scene_in(file: Path) -> "Scene":
@@ -124,33 +123,28 @@ def memory_effect_command(
     wavelength: Wavelength = 0.5,
     thickness: Thickness = 1000.0,
     optical_depth: OpticalDepth = 10.0,
-    g: Annotated[list[float] | None, typer.Option("--g", help="Anisotropy; give it several times to compare.")] = None,
+    g: list[float] | None = option(None, "Anisotropy; give it several times to compare.", "--g"),
     albedo: Albedo = 1.0,
-    index: Annotated[float, typer.Option(help="Refractive index of the slab, in air; 1 for matched faces.")] = 1.0,
-    material: Annotated[
-        str | None,
-        typer.Option(
-            help="A preset, such as skin, instead of depth, g, albedo and index; lengths are then in micrometres, the "
-            "wavelength that in vacuum."
-        ),
-    ] = None,
-    scene: Annotated[
-        Path | None, typer.Option(help="The medium of a scene, TOML or JSON, instead: layers, any lobe, screens.")
-    ] = None,
-    largest: Annotated[
-        float | None, typer.Option(help="Largest tilt, degrees (default: where a tenth of C_I is left, by few paths).")
-    ] = None,
-    points: Annotated[int, typer.Option(min=2, max=100_000, help="Tilts from 0 to the largest, both of them.")] = 33,
-    lags: Annotated[float | None, typer.Option(help="Instead of tilts: largest lag of a slab that moves.")] = None,
-    diffusion: Annotated[
-        float | None, typer.Option(help="Of its particles, length^2 / time (default: lags are in units of 1/(D k^2)).")
-    ] = None,
-    mode: Annotated[Literal["transmission", "reflection"], typer.Option(help="Side of the views.")] = "transmission",
-    paths: Annotated[int, typer.Option(min=1, help="Random paths to trace.")] = 200_000,
-    seed: Seed = 0,
-    out: Annotated[Path, typer.Option(help="Folder for memory-effect.csv and memory-effect.png.")] = Path(
-        "memory-effect"
+    index: float = option(1.0, "Refractive index of the slab, in air; 1 for matched faces."),
+    material: str | None = option(
+        None, "A preset, such as skin, instead of depth, g, albedo and index; lengths are then in micrometres, the "
+        "wavelength that in vacuum.",
     ),
+    scene: Path | None = option(None, "The medium of a scene, TOML or JSON, instead: layers, any lobe, screens."),
+    largest: float | None = option(
+        None, "Largest tilt, degrees (default: where a tenth of C_I is left, by few paths).",
+    ),
+    points: int = option(33, "Tilts from 0 to the largest, both of them.", min=2, max=100_000),
+    lags: float | None = option(None, "Instead of tilts: largest lag of a slab that moves."),
+    diffusion: float | None = option(
+        None, "Of its particles, length^2 / time (default: lags are in units of 1/(D k^2)).",
+    ),
+    mode: Literal["transmission", "reflection"] = option("transmission", "Side of the views."),
+    paths: int = option(200_000, "Random paths to trace.", min=1),
+    seed: Seed = 0,
+    out: Path = option(Path(
+        "memory-effect"
+    ), "Folder for memory-effect.csv and memory-effect.png."),
     as_json: AsJson = False,
 ) -> None:
     """How fast speckle decorrelates under tilt, or in time: a table and a figure, with error bars."""
@@ -159,8 +153,8 @@ def memory_effect_command(
     import specklegen as sg
     from specklegen.pictures import memory_effect_figure, temporal_figure
 
-    if lags is None and diffusion is not None:
-        reject("--diffusion", "left out without --lags", diffusion)
+    if lags is None:
+        require_left_out("memory-effect", "without --lags", diffusion=diffusion)
     if lags is not None and not 0 < lags < np.inf:
         reject("--lags", "above 0 and finite", lags)
     if largest is not None and not 0 < largest < 90:
@@ -168,8 +162,7 @@ def memory_effect_command(
     media: dict[str, Any]
     if scene is not None:
         _require_unsaid(context, scene, "memory-effect", (*_OF_THE_MEDIUM, "material", "wavelength", "thickness"))
-        if diffusion is not None:
-            reject("--diffusion", "left out with --scene, which says how its medium moves", diffusion)
+        require_left_out("memory-effect", "with --scene, which says how its medium moves", diffusion=diffusion)
         built = scene_in(scene)
         media, wavelength = {scene.stem: built.medium}, built.wavelength
     elif material is not None:
@@ -196,8 +189,9 @@ def memory_effect_command(
             )
             for label, medium in media.items()
         }  # fmt: skip
-        _tell_lags(moving, out, as_json)
         temporal_figure(moving, out / "memory-effect.png")
+        columns = {"lag": lambda c: c.lags, "x": lambda c: c.x}
+        _show_curves(moving, columns, "static_share", _decay, out, as_json)
         return
     largest = largest or _where_curves_end(media, wavelength, mode)
     tilts = np.deg2rad(np.linspace(0, largest, points))
@@ -205,33 +199,9 @@ def memory_effect_command(
         label: sg.memory_effect(medium, wavelength=wavelength, tilts=tilts, mode=mode, paths=paths, seed=seed)
         for label, medium in media.items()
     }
-    with (out / "memory-effect.csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["curve", "tilt_deg", "q", "intensity_correlation", "standard_error"])
-        for label, c in curves.items():
-            for row in zip(np.rad2deg(c.tilts), c.q, c.intensity, c.standard_error, strict=True):
-                table.writerow([label, *(f"{value:.6g}" for value in row)])
     memory_effect_figure(curves, out / "memory-effect.png")
-    if as_json:
-        echo_json([
-            {
-                "curve": label, "tilt_deg": np.rad2deg(c.tilts), "q": c.q, "intensity_correlation": c.intensity,
-                "standard_error": c.standard_error, "single_share": c.single_share, "paths": c.paths,
-            }
-            for label, c in curves.items()
-        ])  # fmt: skip
-        return
-    for label, curve in curves.items():
-        if np.isnan(curve.intensity).all():
-            typer.echo(f"{label}: no light comes through")
-            continue
-        below = np.flatnonzero(curve.intensity < 0.5)
-        half = (f"falls below 1/2 at {np.rad2deg(curve.tilts[below[0]]):.4f} degrees" if len(below)
-                else f"stays above 1/2 up to {largest:g} degrees")  # fmt: skip
-        errors = curve.standard_error[np.isfinite(curve.standard_error)]
-        worst = f"{errors.max():.2g}" if len(errors) else "unknown from so few paths"
-        typer.echo(f"{label}: C_I {half}; largest standard error {worst}")
-    typer.echo(f"{out / 'memory-effect.csv'}, {out / 'memory-effect.png'}")
+    columns = {"tilt_deg": lambda c: np.rad2deg(c.tilts), "q": lambda c: c.q}
+    _show_curves(curves, columns, "single_share", _half_width, out, as_json)
 
 
 def _where_curves_end(media: "dict[str, Any]", wavelength: float, mode: Any) -> float:
@@ -255,42 +225,59 @@ def _where_curves_end(media: "dict[str, Any]", wavelength: float, mode: Any) -> 
     return float(next(size * step for step in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if size * step >= max(ends)))
 
 
-def _tell_lags(curves: "dict[str, TemporalCorrelation]", out: Path, as_json: bool) -> None:
-    """Write the table of curves in time, and say where they fall to 1/e."""
-    import numpy as np
-
-    with (out / "memory-effect.csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(["curve", "lag", "x", "intensity_correlation", "standard_error"])
-        for label, c in curves.items():
-            for row in zip(c.lags, c.x, c.intensity, c.standard_error, strict=True):
-                table.writerow([label, *(f"{value:.6g}" for value in row)])
+def _show_curves(
+    curves: Mapping[str, Any], columns: Mapping[str, Callable[[Any], "np.ndarray"]], share: str,
+    describe: Callable[[Any], str], out: Path, as_json: bool,
+) -> None:  # fmt: skip
+    """Write the table of curves, by its own columns and those of every curve; print it as JSON, or a line a curve."""
+    columns = {**columns, "intensity_correlation": lambda c: c.intensity, "standard_error": lambda c: c.standard_error}
+    tables = {label: {name: read(c) for name, read in columns.items()} for label, c in curves.items()}
+    rows = ([label, *row] for label, table in tables.items() for row in zip(*table.values(), strict=True))
+    write_csv(out / "memory-effect.csv", ["curve", *columns], rows)
     if as_json:
         echo_json([
-            {
-                "curve": label, "lag": c.lags, "x": c.x, "intensity_correlation": c.intensity,
-                "standard_error": c.standard_error, "static_share": c.static_share, "paths": c.paths,
-            }
-            for label, c in curves.items()
+            {"curve": label, **tables[label], share: getattr(c, share), "paths": c.paths} for label, c in curves.items()
         ])  # fmt: skip
         return
-    for label, c in curves.items():
-        below = np.flatnonzero(c.intensity < np.exp(-1))
-        fallen = f"at a lag of {c.lags[below[0]]:.4g}" if len(below) else f"above {c.lags.max():.4g}"
-        typer.echo(f"{label}: |g1|^2 falls below 1/e {fallen}; static share {c.static_share:.3g}")
+    for label, curve in curves.items():
+        typer.echo(f"{label}: {describe(curve)}")
     typer.echo(f"{out / 'memory-effect.csv'}, {out / 'memory-effect.png'}")
+
+
+def _half_width(curve: "MemoryEffect") -> str:
+    """Say where a curve of tilts falls below one half."""
+    import numpy as np
+
+    if np.isnan(curve.intensity).all():
+        return "no light comes through"
+    tilts, below = np.rad2deg(curve.tilts), np.flatnonzero(curve.intensity < 0.5)
+    half = f"falls below 1/2 at {tilts[below[0]]:.4f} degrees" if len(below) else (
+        f"stays above 1/2 up to {tilts[-1]:g} degrees"
+    )  # fmt: skip
+    errors = curve.standard_error[np.isfinite(curve.standard_error)]
+    worst = f"{errors.max():.2g}" if len(errors) else "unknown from so few paths"
+    return f"C_I {half}; largest standard error {worst}"
+
+
+def _decay(curve: "TemporalCorrelation") -> str:
+    """Say where a curve of lags falls to 1/e."""
+    import numpy as np
+
+    below = np.flatnonzero(curve.intensity < np.exp(-1))
+    fallen = f"at a lag of {curve.lags[below[0]]:.4g}" if len(below) else f"above {curve.lags.max():.4g}"
+    return f"|g1|^2 falls below 1/e {fallen}; static share {curve.static_share:.3g}"
 
 
 def reflectance(
     optical_depth: OpticalDepth = 10.0,
-    g: Annotated[float, typer.Option("--g", help="Anisotropy of scattering, -1 < g < 1.")] = 0.9,
+    g: float = option(0.9, "Anisotropy of scattering, -1 < g < 1.", "--g"),
     albedo: Albedo = 1.0,
-    index: Annotated[float, typer.Option(help="Refractive index of the slab, in air; 1 for matched faces.")] = 1.0,
-    angle: Annotated[float, typer.Option(help="Of the light from the normal, in air, degrees.")] = 0.0,
-    paths: Annotated[int | None, typer.Option(min=1, help="Random paths to walk (default 100000).")] = None,
-    rel_error: Annotated[float | None, typer.Option(help="Instead of --paths: largest error of a share.")] = None,
+    index: float = option(1.0, "Refractive index of the slab, in air; 1 for matched faces."),
+    angle: float = option(0.0, "Of the light from the normal, in air, degrees."),
+    paths: int | None = option(None, "Random paths to walk (default 100000).", min=1),
+    rel_error: float | None = option(None, "Instead of --paths: largest error of a share."),
     seed: Seed = 0,
-    out: Annotated[Path | None, typer.Option(help="A CSV for the light over the angle.")] = None,
+    out: Path | None = option(None, "A CSV for the light over the angle."),
     as_json: AsJson = False,
 ) -> None:
     """How much light a slab reflects, transmits and absorbs, with errors."""
@@ -306,12 +293,10 @@ def reflectance(
     )  # fmt: skip
     if out is not None:
         writable(out.parent)
-        with out.open("w", newline="", encoding="utf-8") as file:
-            table = csv.writer(file)
-            table.writerow(["from_deg", "to_deg", "reflected", "error", "transmitted", "error"])
-            columns = light.reflected, light.reflected_error, light.transmitted, light.transmitted_error
-            steps = np.rad2deg(light.angles[:-1]), np.rad2deg(light.angles[1:])
-            table.writerows([f"{value:.6g}" for value in row] for row in zip(*steps, *columns, strict=True))
+        columns = light.reflected, light.reflected_error, light.transmitted, light.transmitted_error
+        steps = np.rad2deg(light.angles[:-1]), np.rad2deg(light.angles[1:])
+        header = ("from_deg", "to_deg", "reflected", "error", "transmitted", "error")
+        write_csv(out, header, zip(*steps, *columns, strict=True))
     if as_json:
         echo_json(dataclasses.asdict(light))
         return
@@ -323,9 +308,9 @@ def slab(thickness: float, optical_depth: float, g: float, albedo: float) -> "Sl
     """Slab of the command line's options."""
     import specklegen as sg
 
-    for option, value in (("--thickness", thickness), ("--optical-depth", optical_depth)):
+    for name, value in (("--thickness", thickness), ("--optical-depth", optical_depth)):
         if not 1e-60 < value < 1e60:
-            reject(option, "greater than 0 and finite", value)
+            reject(name, "greater than 0 and finite", value)
     return sg.Slab(
         thickness=thickness,
         mean_free_path=thickness / optical_depth,

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from specklegen.cli.failures import INTERRUPTED, NOT_WHOLE
-from specklegen.cli.output import AsJson, Progress, echo_json, picture_file
+from specklegen.cli.output import AsJson, Progress, echo_json, require_writable
 from specklegen.cli.recipe_options import Images, Objects, RecipeName, RecipeOrStore, Seed, Set, Split, is_store, load
+from specklegen.cli.settings import option
 from specklegen.core.errors import counted, reject
 
 if TYPE_CHECKING:
@@ -20,23 +21,17 @@ Store = Annotated[str, typer.Argument(help="Folder of a store, or its address (s
 
 def generate(
     recipe: RecipeName,
-    out: Annotated[
-        str, typer.Option(help="Folder of the store, or an address (s3://bucket/a.zarr); filled up if it is there.")
-    ],
-    samples: Annotated[int | None, typer.Option(min=1, help="Samples (default: an epoch of the split).")] = None,
+    out: str = option(..., "Folder of the store, or an address (s3://bucket/a.zarr); filled up if it is there."),
+    samples: int | None = option(None, "Samples (default: an epoch of the split).", min=1),
     split: Split = "train",
     seed: Seed = 0,
     changes: Set = None,
     images: Images = None,
     objects: Objects = None,
-    processes: Annotated[int | None, typer.Option(min=1, help="Worker processes (default: all cores).")] = None,
-    shard_range: Annotated[
-        str, typer.Option(metavar="I/N", help="Do part I of N, for N machines with one folder.")
-    ] = "0/1",
-    cluster: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Render on a Dask cluster, by its scheduler's address.")
-    ] = None,
-    anyway: Annotated[bool, typer.Option(help="Begin without room for all on the disk, or for months.")] = False,
+    processes: int | None = option(None, "Worker processes (default: all cores).", min=1),
+    shard_range: str = option("0/1", "Do part I of N, for N machines with one folder.", metavar="I/N"),
+    cluster: str | None = option(None, "Render on a Dask cluster, by its scheduler's address.", metavar="ADDRESS"),
+    anyway: bool = option(False, "Begin without room for all on the disk, or for months."),
 ) -> None:
     """Fill a zarr store with samples of a recipe; run it again to go on where it stopped."""
     from specklegen.datasets.store.estimate import foreseen
@@ -101,17 +96,17 @@ def _part(shard_range: str) -> tuple[int, int]:
 
 def preview(
     what: RecipeOrStore,
-    samples: Annotated[int, typer.Option(min=1, max=100, help="How many samples to show.")] = 6,
+    samples: int = option(6, "How many samples to show.", min=1, max=100),
     split: Split = "train",
     seed: Seed = 0,
     changes: Set = None,
     images: Images = None,
-    out: Annotated[Path, typer.Option(help="PNG to write.")] = Path("preview.png"),
+    out: Path = option(Path("preview.png"), "PNG to write."),
 ) -> None:
     """Draw samples of a recipe or of a store as a contact sheet."""
     from specklegen.pictures import sheet
 
-    picture_file("preview --out", out)
+    require_writable("preview --out", out)
     if is_store(what):
         from specklegen.datasets import SpeckleCache
 
@@ -132,9 +127,7 @@ def info(folder: Store) -> None:
 
 def verify(
     folder: Store,
-    repair: Annotated[
-        str | None, typer.Option(metavar="RECIPE", help="Render again what is damaged or missing.")
-    ] = None,
+    repair: str | None = option(None, "Render again what is damaged or missing.", metavar="RECIPE"),
     changes: Set = None,
     images: Images = None,
     as_json: AsJson = False,
@@ -184,9 +177,9 @@ def _first_few(numbers: tuple[int, ...]) -> str:
 
 def export(
     folder: Store,
-    out: Annotated[Path, typer.Option(help="Folder to write to.")],
-    format: Annotated[Literal["npy", "png", "parquet"], typer.Option(help="Kind of files.")] = "npy",
-    samples: Annotated[int | None, typer.Option(min=1, help="The first so many (default: all).")] = None,
+    out: Path = option(..., "Folder to write to."),
+    format: Literal["npy", "png", "parquet"] = option("npy", "Kind of files."),
+    samples: int | None = option(None, "The first so many (default: all).", min=1),
 ) -> None:
     """Write samples of a store as files that every program reads."""
     from specklegen.datasets import SpeckleCache

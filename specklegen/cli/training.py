@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from specklegen.cli.judging import MOST_KEPT, closed
-from specklegen.cli.output import writable
-from specklegen.cli.recipe_options import Images, Objects, RecipeOrStore, Seed, Set, is_store, load, load_hidden
+from specklegen.cli.output import require_left_out, writable
+from specklegen.cli.recipe_options import Images, Objects, RecipeOrStore, Set, is_store, load, load_hidden
+from specklegen.cli.settings import Fields, option
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import counted, reject
 
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
     from specklegen.models.judging.beside import Beside
     from specklegen.models.learning.examples import Examples
     from specklegen.models.learning.reconstructor import Reconstructor
-    from specklegen.models.learning.training import Batches, Training
+    from specklegen.models.learning.settings import Training
+    from specklegen.models.learning.training import Batches
 
 PACKAGED = "packaged"
 """Name of the model to start from that comes with the package."""
@@ -36,71 +38,30 @@ def losses_starting_with(incomplete: str) -> list[str]:
     return [name for name in LOSSES if name.startswith(incomplete)]
 
 
+TrainingOptions = Annotated[
+    dict[str, Any],
+    Fields("specklegen.models.learning.settings:Training", {"loss": {"autocompletion": losses_starting_with}}),
+]
+
+
 def train(
+    training: TrainingOptions,
     what: RecipeOrStore,
-    out: Annotated[Path, typer.Option(help="Folder of the run; a stopped run goes on.")],
-    validation: Annotated[
-        Path | None, typer.Option(help="Store of other media (needed with a store; a recipe has a split for it).")
-    ] = None,
-    validation_samples: Annotated[
-        int, typer.Option(min=1, max=MOST_KEPT, help="Of a recipe's validation split.")
-    ] = 256,
-    start: Annotated[
-        str | None,
-        typer.Option(
-            metavar="MODEL", help="Model (best.pt) whose weights to begin with, or packaged; what it is decides "
-            "--network, --width, --input and --target.",
-        ),
-    ] = None,
-    target: Annotated[
-        str, typer.Option(help="What the network is to tell: object, label, range, material, motion or contrast.")
-    ] = "object",
-    input: Annotated[
-        str,
-        typer.Option(
-            help="What the network sees: camera, autocorrelation or periodogram; of stacks of tilts registered or "
-            "registered+power; of exposures exposures, or, of a surface, local-contrast."
-        ),
-    ] = "autocorrelation",
-    network: Annotated[
-        str,
-        typer.Option(
-            help="Kind of network: contrast, dense, lags, perceptron, residual, stack-unet or unet; or one of your "
-            "own, as my_module:Name, whose module is run."
-        ),
-    ] = "unet",
-    width: Annotated[
-        int, typer.Option(min=1, max=4096, help="Channels at the top; of the dense nets, units over 16.")
-    ] = 16,
-    loss: Annotated[
-        str,
-        typer.Option(
-            help="pearson, bce, ssim, l1, pearson+bce, blurred (of points); with -invariant or without.",
-            autocompletion=losses_starting_with,
-        ),
-    ] = "pearson-invariant",
-    learning_rate: Annotated[float, typer.Option(help="Largest learning rate.")] = 3e-3,
-    batch_size: Annotated[int, typer.Option(min=1, help="Samples a step.")] = 64,
-    epochs: Annotated[int, typer.Option(min=1, help="Passes through the data.")] = 20,
-    seconds: Annotated[
-        float | None, typer.Option(help="Time to spend by the clock, everything included (by default: all epochs).")
-    ] = None,
-    mirror: Annotated[bool, typer.Option(help="Show half of the samples mirrored.")] = False,
-    law: Annotated[
-        bool,
-        typer.Option(
-            "--law", help="Draw training samples from the law of images instead of rendering them: of recipes with one "
-            "image of a hidden object, with --input periodogram. Validation images are rendered.",
-        ),
-    ] = False,
-    workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes that render a stream.")] = 0,
-    media_group: Annotated[
-        int, typer.Option(min=1, help="Samples of a stream that share a medium, where each has one of its own.")
-    ] = 8,
-    device: Annotated[
-        str, typer.Option(help="Torch device; without --workers it renders the stream, too, but not --law.")
-    ] = "cpu",
-    seed: Seed = 0,
+    out: Path = option(..., "Folder of the run; a stopped run goes on."),
+    validation: Path | None = option(None, "Store of other media (needed with a store; a recipe has a split for it)."),
+    validation_samples: int = option(256, "Of a recipe's validation split.", min=1, max=MOST_KEPT),
+    start: str | None = option(
+        None, "Model (best.pt) whose weights to begin with, or packaged; what it is decides --network, --width, "
+        "--input and --target.", metavar="MODEL",
+    ),
+    seconds: float | None = option(None, "Time to spend by the clock, everything included (by default: all epochs)."),
+    law: bool = option(
+        False, "Draw training samples from the law of images instead of rendering them: of recipes with one image of "
+        "a hidden object, with --input periodogram. Validation images are rendered.", "--law",
+    ),
+    workers: int = option(0, "Processes that render a stream.", min=0, max=1024),
+    media_group: int = option(8, "Samples of a stream that share a medium, where each has one of its own.", min=1),
+    device: str = option("cpu", "Torch device; without --workers it renders the stream, too, but not --law."),
     changes: Set = None,
     images: Images = None,
     objects: Objects = None,
@@ -124,24 +85,18 @@ def train(
     from specklegen.models.judging.beside import STARTED, UNTRAINED, Beside
     from specklegen.models.learning.examples import batches_of
     from specklegen.models.learning.run import untrained
-    from specklegen.models.learning.training import Training
+    from specklegen.models.learning.settings import Training
 
-    kind = {"target": target, "input": input, "network": network, "width": width}
-    first = None if start is None else _model(start, kind, device)
-    settings = Training(
-        **(kind if first is None else _kind_of(first)), loss=loss, learning_rate=learning_rate, batch_size=batch_size,
-        epochs=epochs, mirror=mirror, seed=seed,
-    )  # fmt: skip
+    first = None if start is None else _model(start, training, device)
+    settings = Training(**training | _kind_of(first))
     if is_store(what):
         if validation is None:
             reject("train --validation", "given with a store", validation, "Generate one with --split validation.")
-        for option, given in (("--set", changes), ("--images", images), ("--objects", objects), ("--law", law)):
-            if given:
-                reject(f"train {option}", "left out with a store, which has its recipe", given)
+        reason = "with a store, which has its recipe"
+        require_left_out("train", reason, set=changes, images=images, objects=objects, law=law)
         material = _of_stores(Path(what), validation, settings)
     else:
-        if validation is not None:
-            reject("train --validation", "left out with a recipe, whose validation split is used", str(validation))
+        require_left_out("train", "with a recipe, whose validation split is used", validation=validation)
         recipe = (load_hidden if settings.of_objects else load)(what, changes, images, objects)
         until = None if seconds is None else begun + _PREPARING * seconds
         if law and settings.input != "periodogram":
@@ -151,8 +106,8 @@ def train(
         material = _of_recipe(recipe, shown, settings, out, validation_samples, until, workers, renders)
     few = min(_TABLED, len(material.held_out.targets))
     beside = Beside(
-        batches_of(material.source, few, seed, "validation", _TABLED // 8),
-        _methods(material.recipe, target=settings.target, seed=seed, seconds=seconds),
+        batches_of(material.source, few, settings.seed, "validation", _TABLED // 8),
+        _methods(material.recipe, settings, seconds),
         untrained(settings, material.held_out, device) if first is None else first,
         None if seconds is None else begun + 2 * _PREPARING * seconds,
         getattr(material.recipe, "profile", "square") if settings.of_objects else "square",
@@ -181,17 +136,19 @@ class _Material(NamedTuple):
 def _model(path: str, asked: dict[str, Any], device: str) -> "Reconstructor":
     """Read the model to start from; refuse options that ask for another kind than it is."""
     from specklegen.models.learning.reconstructor import Reconstructor, load_pretrained
+    from specklegen.models.learning.settings import Training
 
     model = load_pretrained(device) if path == PACKAGED else Reconstructor.load(path, device)
-    usual = {"target": "object", "input": "autocorrelation", "network": "unet", "width": 16}
     for name, has in _kind_of(model).items():
-        if asked[name] not in (usual[name], has):
+        if asked[name] not in (Training.model_fields[name].default, has):
             reject(f"train --{name}", f"that of the model to start from ({has}), or left out", asked[name])
     return model
 
 
-def _kind_of(model: "Reconstructor") -> dict[str, Any]:
-    """Fields of a model that settings of training have too."""
+def _kind_of(model: "Reconstructor | None") -> dict[str, Any]:
+    """Fields of a model to start from that settings of training have too."""
+    if model is None:
+        return {}
     return {"target": model.target, "input": model.input, "network": model.name, "width": model.width}
 
 
@@ -257,13 +214,14 @@ def rendered_before(out: Path, asked: int) -> int | None:
         return None
 
 
-def _methods(recipe: "Recipe | None", target: str, seed: int, seconds: float | None) -> "dict[str, Callable]":
+def _methods(recipe: "Recipe | None", settings: "Training", seconds: float | None) -> "dict[str, Callable]":
     """Methods that learn nothing and stand beside a network in training; where there is no time, none."""
     if seconds is not None and seconds < 60:
         typer.echo("methods that learn nothing are left out: they take some seconds (--seconds 60 has them)")
         return {}
-    if target != "object":
-        return {} if recipe is None else dict(closed(recipe, target, seed))
+    seed = settings.seed
+    if settings.target != "object":
+        return {} if recipe is None else dict(closed(recipe, settings.target, seed))
     from specklegen.datasets.recipes.hidden_object import HiddenObject
     from specklegen.models.judging.beside import methods_beside
     from specklegen.models.learning.solver import load_solver

@@ -13,14 +13,14 @@ from specklegen.core.shielded import plain_defaults
 from specklegen.models.learning.networks.contrast_net import ContrastNet
 from specklegen.models.learning.networks.dense import DenseNet
 from specklegen.models.learning.networks.lag_net import LagNet
-from specklegen.models.learning.networks.network import NETWORKS, Network, NetworkName, network_content
+from specklegen.models.learning.networks.network import NETWORKS, Network, network_content
 from specklegen.models.learning.networks.perceptron import Perceptron
 from specklegen.models.learning.networks.residual import ResidualNet
 from specklegen.models.learning.networks.stack_unet import StackUNet
 from specklegen.models.learning.networks.unet import UNet
 
 __all__ = [
-    "NETWORKS", "ContrastNet", "DenseNet", "LagNet", "Network", "NetworkName", "Perceptron", "ResidualNet", "StackUNet",
+    "NETWORKS", "ContrastNet", "DenseNet", "LagNet", "Network", "Perceptron", "ResidualNet", "StackUNet",
     "UNet", "build", "network_content", "parameter_count",
 ]  # fmt: skip
 

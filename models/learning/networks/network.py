@@ -12,9 +12,8 @@ A network of a user's own is a class that inherits :class:`Network`, and no more
 """
 
 from collections.abc import Sequence
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
-from pydantic import AfterValidator
 from torch import nn
 
 from specklegen.core.content import content_digest, is_own
@@ -75,14 +74,6 @@ class Network(nn.Module):
 
 NETWORKS: Registry[type[Network]] = Registry("network", _is_network)
 """Every network by its name."""
-
-
-def _known(name: str) -> str:
-    return NETWORKS.name_of(NETWORKS.find("Training.network", name))
-
-
-NetworkName = Annotated[str, AfterValidator(_known)]
-"""Name of a network, or the import path of one of a user's own, which becomes its name."""
 
 
 def network_content(name: str) -> dict[str, str]:
