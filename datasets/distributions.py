@@ -143,13 +143,7 @@ def drawn_from(value: "float | Uniform | LogUniform", uniform: "torch.Tensor") -
 
 
 def require_above(field: str, value: "float | Uniform | LogUniform | Choice", low: float) -> None:
-    """Refuse a number that may be drawn at or below ``low``.
-
-    Raises
-    ------
-    RuleError
-        Naming the field.
-    """
+    """Refuse a number that may be drawn at or below ``low``."""
     if not ends(value)[0] > low:
         reject(field, f"greater than {low:g}", value)
 

@@ -145,13 +145,7 @@ def _is_finite(column: Any) -> bool:
 
 
 def require_finite(sample: Mapping[str, Any], recipe: Renderable, seed: int, split: str) -> None:
-    """Refuse a sample, or a batch of them, that holds anything but finite numbers; parameters may say ``unbounded``.
-
-    Raises
-    ------
-    RuleError
-        Naming the sample, and the array or the parameter.
-    """
+    """Refuse a sample, or a batch of them, that holds anything but finite numbers; parameters may say ``unbounded``."""
     arrays = [(key, value, False) for key, value in sample.items() if key != "parameters"]
     drawn = [(name, value, True) for name, value in sample["parameters"].items()]
     for name, column, is_parameter in arrays + drawn:

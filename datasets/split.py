@@ -54,13 +54,7 @@ class Purpose(IntEnum):
 
 
 def split_number(split: str) -> int:
-    """Number of a split, 0 for train, 1 for validation, 2 for test.
-
-    Raises
-    ------
-    RuleError
-        If there is no such split.
-    """
+    """Number of a split, 0 for train, 1 for validation, 2 for test."""
     if not isinstance(split, str) or split not in SPLITS:
         reject("split", f"one of {', '.join(map(repr, SPLITS))}", split)
     return SPLITS.index(split)
@@ -79,11 +73,6 @@ def substream(seed: Seed, split: Split, purpose: Purpose, number: int) -> tuple[
         What the draws are for.
     number
         Index of the sample, or of the medium, from 0 to 2**64 - 1.
-
-    Raises
-    ------
-    RuleError
-        If the split is unknown, or the seed or the number is not a whole number in its range.
     """
     parts = seed_words(seed)
     if not _is_natural(number) or number >= 2**64:
@@ -99,13 +88,7 @@ def generator(words: Sequence[int]) -> np.random.Generator:
 
 
 def medium_of(index: int, media: int) -> int:
-    """Number of the medium that sample ``index`` is seen through, when a split has ``media`` of them.
-
-    Raises
-    ------
-    RuleError
-        If ``index`` is negative or ``media`` is less than 1.
-    """
+    """Number of the medium that sample ``index`` is seen through, when a split has ``media`` of them."""
     if not _is_natural(media) or media < 1:
         reject("media", "a whole number of at least 1", media)
     if not _is_natural(index):

@@ -31,13 +31,7 @@ class Alignment(NamedTuple):
 
 
 def alignment(image: Tensor, target: Tensor) -> Alignment:
-    """Find the flip and the cyclic shift with the largest correlation, which is also the largest Pearson's.
-
-    Raises
-    ------
-    RuleError
-        If image and target are not of one shape [..., H, W].
-    """
+    """Find the flip and the cyclic shift with the largest correlation, which is also the largest Pearson's."""
     _require_alike(image, target)
     rows, columns = image.shape[-2:]
     with torch.no_grad():
@@ -72,11 +66,6 @@ def align(image: Tensor, target: Tensor) -> Tensor:
         real[..., H, W], to be moved.
     target
         real[..., H, W], which stays.
-
-    Raises
-    ------
-    RuleError
-        If image and target are not of one shape [..., H, W].
 
     Examples
     --------

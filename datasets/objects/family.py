@@ -95,13 +95,7 @@ class ObjectFamily(Registered):
 
     @shielded()
     def image(self, seed: Seed, split: Split, index: int) -> np.ndarray:
-        """Object of sample ``index``: float32[h, w], at least 0, largest value 1; a pure function.
-
-        Raises
-        ------
-        RuleError
-            If the split is unknown or holds no source, or the seed or index is no whole number >= 0.
-        """
+        """Object of sample ``index``: float32[h, w], at least 0, largest value 1; a pure function."""
         source = self.source(seed, split, index)
         picture = self.picture(source, generator(substream(seed, split, Purpose.OBJECT, index)))
         peak = picture.max()

@@ -61,13 +61,7 @@ class Speed(Value):
         return next(value for value in (self.diffusion, self.tau0, self.correlation_time) if value is not None)
 
     def require_speed(self, owner: str, which: str = "") -> None:
-        """Refuse none or several of the three, and a number that is not above 0 or infinite.
-
-        Raises
-        ------
-        RuleError
-            With the owner, which it is, and the number.
-        """
+        """Refuse none or several of the three, and a number that is not above 0 or infinite."""
         given = [name for name in GIVEN if getattr(self, name) is not None]
         if len(given) != 1:
             reject(owner, f"given by one of {', '.join(GIVEN)}{which and ','}{which}", given)

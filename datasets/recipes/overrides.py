@@ -9,13 +9,7 @@ from specklegen.datasets.recipes.recipe_files import merged
 
 
 def changes_of(texts: Iterable[str]) -> dict[str, Any]:
-    """Nested table of changes from texts KEY=VALUE; a key is dotted, a value is TOML (a bare word is a text).
-
-    Raises
-    ------
-    RuleError
-        If a text is not of that form.
-    """
+    """Nested table of changes from texts KEY=VALUE; a key is dotted, a value is TOML (a bare word is a text)."""
     table: dict[str, Any] = {}
     for text in texts:
         key, equals, value = text.partition("=")

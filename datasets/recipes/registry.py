@@ -66,13 +66,7 @@ def load_recipe(source: str | Path, changes: Mapping[str, Any] | None = None) ->
 
 
 def recipe_schema(name: str) -> dict[str, Any]:
-    """JSON schema of a kind of recipe, by its name, its import path or a recipe of the kind.
-
-    Raises
-    ------
-    RuleError
-        If there is neither.
-    """
+    """JSON schema of a kind of recipe, by its name, its import path or a recipe of the kind."""
     known = name in KINDS or is_import_path(name)
     return _kind(name if known else recipe_table(name).get("kind")).model_json_schema()
 

@@ -25,13 +25,7 @@ _WAVELENGTH = 0.532
 
 
 def plain(table: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
-    """A recipe's table in plain numbers, and what was written with a unit, by field.
-
-    Raises
-    ------
-    RuleError
-        If a unit is none, or says of a field what it is not.
-    """
+    """A recipe's table in plain numbers, and what was written with a unit, by field."""
     fields = in_pixels(table)
     lab = fields.get("lab")
     if isinstance(lab, Mapping) and isinstance(lab.get("wavelength"), str):
@@ -51,13 +45,7 @@ def told(error: RuleError, written: Mapping[str, str]) -> RuleError:
 
 
 def in_pixels(table: Mapping[str, Any]) -> dict[str, Any]:
-    """A recipe's table with window, camera and field for a table ``[pixels]``, where there is one.
-
-    Raises
-    ------
-    RuleError
-        If a field of it is missing or unknown, or the setup is given in lengths too.
-    """
+    """A recipe's table with window, camera and field for a table ``[pixels]``, where there is one."""
     fields = dict(table)
     if "pixels" not in fields or type(fields["pixels"]) is int:  # a number is a field of the kind's own: of a mask, say
         return fields

@@ -16,13 +16,7 @@ COUNT_TYPES = ("uint16", "float32")
 
 
 def identity(recipe: Renderable, seed: int, split: str, dtype: str = "uint16") -> dict[str, Any]:
-    """Collect what decides the bytes of a store; JSON types only.
-
-    Raises
-    ------
-    RuleError
-        If the seed is not a whole number in [0, 2**63), or the type is not one that counts can be stored in.
-    """
+    """Collect what decides the bytes of a store; JSON types only."""
     seed, dtype = whole_number("generate.seed", seed, 0, 2**63 - 1), choice("generate.dtype", dtype, COUNT_TYPES)
     return {
         "data_version": recipe.data_version,

@@ -94,13 +94,7 @@ def _record(folder: Path) -> Path:
 
 
 def require_bounded(field: str, samples: int, shard_samples: int) -> None:
-    """Refuse more samples or shards than anybody can go through: each shard has files of its own.
-
-    Raises
-    ------
-    RuleError
-        With the numbers.
-    """
+    """Refuse more samples or shards than anybody can go through: each shard has files of its own."""
     remedy = "Split it into several stores, by seeds."
     whole_number(f"{field} (samples)", samples, 1, MOST_SAMPLES, remedy=remedy)
     whole_number(f"{field} (samples in a shard)", shard_samples, 1, MOST_SAMPLES, remedy=remedy)
@@ -183,13 +177,7 @@ def disagreed(folder: Path, there: Metadata) -> int | None:
 
 
 def reject_strangers(folder: Path) -> None:
-    """Refuse a folder that is not a store, or a store of another version.
-
-    Raises
-    ------
-    RuleError
-        Saying which.
-    """
+    """Refuse a folder that is not a store, or a store of another version."""
     if is_store(folder) and recorded(folder) is not None:
         return
     content = _json(folder / "zarr.json") if is_store(folder) else None
@@ -240,11 +228,6 @@ def stated(folder: Path) -> tuple[dict[str, Any], int]:
     """Return the attributes and the number of samples of a store whose metadata are damaged.
 
     They come from the record, or else from the files; the longest array counts, so that no sample is given up.
-
-    Raises
-    ------
-    RuleError
-        If neither is there.
     """
     known = recorded(folder)
     if known is not None:

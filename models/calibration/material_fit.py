@@ -203,11 +203,6 @@ class MaterialFit(Pictured):
         ----------
         level
             Between 0 and 1, both excluded.
-
-        Raises
-        ------
-        RuleError
-            For another level.
         """
         level = real_number("MaterialFit.interval level", level)
         if not 0 < level < 1:
@@ -248,11 +243,6 @@ class MaterialFit(Pictured):
             Of a free number, or of one that follows from them: a key of ``values``.
         values
             What it is held at, float[V], in its own unit.
-
-        Raises
-        ------
-        RuleError
-            For a name that is none of these, and values that it cannot have.
         """
         unknowns = self.problem.unknowns
         choice("MaterialFit.profile name", name, unknowns.names())
@@ -273,11 +263,6 @@ class MaterialFit(Pictured):
         ----------
         name
             Of the recipe.
-
-        Raises
-        ------
-        RuleError
-            For a name that is no text.
         """
         instance("MaterialFit.recipe name", name, str)
         slab, scatterer = self.slab, self.slab.scatterer

@@ -155,11 +155,6 @@ class SetupFit(Pictured):
         ----------
         level
             Between 0 and 1, both excluded.
-
-        Raises
-        ------
-        RuleError
-            For another level.
         """
         level = real_number("SetupFit.interval level", level)
         if not 0 < level < 1:

@@ -158,13 +158,7 @@ def decay(distance: np.ndarray, fall: Fall) -> np.ndarray:
 
 
 def target_of(owner: str, target: object, step: float) -> Target:
-    """Check a target: brightness real[h, w], at least 0, and the camera pixels between its cells.
-
-    Raises
-    ------
-    RuleError
-        Of another shape, without light, below 0, or too large.
-    """
+    """Check a target: brightness real[h, w], at least 0, and the camera pixels between its cells."""
     light = real_array(f"{owner} target", target)  # type: ignore[arg-type]
     if light.ndim != 2 or not light.size or max(light.shape) > _LARGEST:
         reject(f"{owner} target", f"an image of one to {_LARGEST} cells a side", light.shape,

@@ -266,13 +266,7 @@ def _here(function: Function, check: Callable[[Any, int], Tensor]) -> Function:
 
 
 def _checked(made: Any, count: int, pages: Mapping[int, tuple[int, int]]) -> Tensor:
-    """What a function answers to so many images, which may be the exposures of a page of some shape.
-
-    Raises
-    ------
-    RuleError
-        If it is no answer.
-    """
+    """What a function answers to so many images, which may be the exposures of a page of some shape."""
     made = torch.as_tensor(made)
     if tuple(made.shape) == (1, *pages.get(count, ())) and not made.is_complex():
         pass

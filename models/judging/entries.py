@@ -148,13 +148,7 @@ def _rounded(value: Any) -> Any:
 
 
 def read_entry(file: Path) -> Entry:
-    """Read an entry.
-
-    Raises
-    ------
-    RuleError
-        If the file is none: which field breaks which rule.
-    """
+    """Read an entry."""
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except (ValueError, OSError) as error:

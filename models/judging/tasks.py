@@ -238,13 +238,7 @@ TASKS = (
 
 
 def task(name: str) -> Task:
-    """Task of a name.
-
-    Raises
-    ------
-    RuleError
-        If there is none.
-    """
+    """Task of a name."""
     for each in TASKS:
         if each.name == name:
             return each

@@ -29,11 +29,6 @@ def shared_contrast(batch: Mapping[str, Any], camera: Stated = "none") -> Tensor
         Of a recipe of exposures.
     camera
         What states the noise of a pixel, which is taken off K^2, where grains are too small to read it off the image.
-
-    Raises
-    ------
-    RuleError
-        For a batch without stacks.
     """
     if "stack" not in batch:
         reject("batch", 'one with "stack"', sorted(batch), "Such as those of lsci-slab.")

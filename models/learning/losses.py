@@ -88,13 +88,7 @@ LOSSES |= {  # spread first and moved afterwards: where sharp points fit best is
 
 
 def loss_named(name: str) -> Loss:
-    """Find a loss.
-
-    Raises
-    ------
-    RuleError
-        If there is none of that name.
-    """
+    """Find a loss."""
     if name not in LOSSES:
         reject("loss", f"one of {', '.join(LOSSES)}", name)
     return LOSSES[name]

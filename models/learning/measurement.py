@@ -30,13 +30,7 @@ def seen_by_camera(
 
 
 def measured(batch: Mapping[str, Any], recipe: HiddenObject) -> tuple[Periodogram, Optics, list[MemoryEffect]]:
-    """What was measured of the samples of a batch, the memory effect of their materials known.
-
-    Raises
-    ------
-    RuleError
-        If the batch has no images of hidden objects.
-    """
+    """What was measured of the samples of a batch, the memory effect of their materials known."""
     name = next((name for name in ("image", "frames") if name in batch), None)
     if name is None:
         reject("measured batch", 'one with "image" or "frames"', sorted(batch))

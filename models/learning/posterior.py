@@ -90,13 +90,7 @@ def load_prior() -> Flow:
 
 @shielded()
 def read_prior(path: Path) -> Flow:
-    """Read a net that ``scripts/build/train_prior.py`` wrote.
-
-    Raises
-    ------
-    RuleError
-        If the file holds something else, or is damaged.
-    """
+    """Read a net that ``scripts/build/train_prior.py`` wrote."""
     stated, kept = read_model(path)
     try:
         net = Flow(*(int(stated[name]) for name in ("frame", "width", "inner")))

@@ -221,11 +221,6 @@ def load_pretrained(device: torch.device | str = "cpu", *, name: Pretrained = "u
         What it was trained on: "unknown-slab", cameras and focus as they are said to be, or "lab-mild", the same
         recipe behind benches that blur, shake, have stray light (docs/recipes.md says what that is worth).
 
-    Raises
-    ------
-    RuleError
-        For another name.
-
     Examples
     --------
     >>> from specklegen.datasets import load_recipe

@@ -64,11 +64,6 @@ def record(
         What the caller knows of "data" and "validation".
     start
         Model whose weights the run begins with.
-
-    Raises
-    ------
-    RuleError
-        If the validation examples are the training examples.
     """
     held_out = {"sha256": digest_of(validation)}
     shown = {"sha256": digest_of(data)} if isinstance(data, Examples) else dict(getattr(data, "identity", {}))
@@ -93,13 +88,7 @@ def record(
 
 
 def require_same_run(folder: Path, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
-    """Refuse to go on with a run that was made with something else; more epochs are welcome.
-
-    Raises
-    ------
-    RuleError
-        Naming every field that differs, with both values.
-    """
+    """Refuse to go on with a run that was made with something else; more epochs are welcome."""
     old, new = (one["training"]["epochs"] for one in (there, here))
     allowed = {**there, "training": there["training"] | ({"epochs": new} if new > old else {})}
     fields = differences(allowed, here)
@@ -116,11 +105,6 @@ def alone(folder: Path) -> Iterator[Callable[[], None]]:
 
     Some network folders have locks that exclude nobody: the file ``owner`` then says who began last. That one goes on
     from the last checkpoint, and who began before is refused before it writes again.
-
-    Raises
-    ------
-    RuleError
-        If one does.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with claim(folder / "lock", 0) as state:

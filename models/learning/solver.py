@@ -135,11 +135,6 @@ class Solver:
             C_I of the slab before each of them.
         seed
             Of phase retrieval's starts.
-
-        Raises
-        ------
-        RuleError
-            If there is not one memory effect for each object.
         """
         seen, likelihood, between, at_lags = self._measured("solve", seen, optics, memory)
         shown = first_look(likelihood, at_lags, self.network.frame, seed)
@@ -273,11 +268,6 @@ class Solver:
         ----------
         path
             Of a file that :meth:`save` wrote.
-
-        Raises
-        ------
-        RuleError
-            If the file holds something else, or is damaged.
         """
         stated, kept = read_model(Path(path))
         weights = restored(kept)

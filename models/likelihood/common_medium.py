@@ -135,13 +135,7 @@ def joint_objects(images: Tensor, objects: Tensor, optics: Optics) -> Joint:
 
 
 def same_optics(owner: str, optics: Optics, count: int) -> tuple[float, float]:
-    """Step and grain of so many images, of which all have the same.
-
-    Raises
-    ------
-    RuleError
-        If numbers of the optics differ between images, or are none.
-    """
+    """Step and grain of so many images, of which all have the same."""
     instance(f"{owner} optics", optics, Optics)
     choice("Optics.profile", optics.profile, PROFILES)
     flag("Optics.pixel_integration", optics.pixel_integration)

@@ -128,13 +128,7 @@ def periodogram(
 
 
 def flattened(images: Tensor, background: float, sigma: float | None, owner: str) -> tuple[Tensor, Tensor, float]:
-    """Images real[..., H, W] over their envelope, about 0; the envelope; and the lowest frequency that it left.
-
-    Raises
-    ------
-    RuleError
-        If an image is not brighter than the background in the mean.
-    """
+    """Images real[..., H, W] over their envelope, about 0; the envelope; and the lowest frequency that it left."""
     light = images - background
     mean = light.mean((-2, -1), keepdim=True)
     if not (mean > 0).all():

@@ -185,13 +185,7 @@ class Scanned:
 
     @classmethod
     def of(cls, spot: Tensor, places: Tensor, count: int) -> "Scanned":
-        """Look at a spot and its places.
-
-        Raises
-        ------
-        RuleError
-            If the spot is dark or negative somewhere, or places are not ``count`` pairs of whole numbers >= 0.
-        """
+        """Look at a spot and its places."""
         light = host_tensor("scanned_object spot", spot).float()
         if light.ndim != 2 or not light.numel() or not ((light >= 0) & light.isfinite()).all() or not light.any():
             reject("scanned_object spot", "real[h, w], at least 0, of some light", tuple(spot.shape))

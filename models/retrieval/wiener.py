@@ -63,11 +63,6 @@ def weights(
         Lags in a grain, real[B].
     guess
         What is taken for R^2; "none" for weights of 1, "floor" for 1 / C down to C = 0.1.
-
-    Raises
-    ------
-    RuleError
-        If there is no such guess.
     """
     if guess not in DIVISIONS:
         reject("wiener guess", f"one of {', '.join(DIVISIONS)}", guess)

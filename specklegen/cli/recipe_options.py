@@ -80,13 +80,7 @@ def load(
 def load_hidden(
     recipe: str, changes: list[str] | None, images: Path | None = None, objects: str | None = None
 ) -> "HiddenObject":
-    """Read a recipe that hides objects.
-
-    Raises
-    ------
-    RuleError
-        If it hides none.
-    """
+    """Read a recipe that hides objects."""
     from specklegen.datasets.recipes.hidden_object import HiddenObject
 
     loaded = load(recipe, changes, images, objects)

@@ -47,11 +47,6 @@ def gaussian_schell_model(x: np.ndarray, coherence_length: float, amplitude: np.
     -------
     float64[n, n], or complex128[n, n] for a complex amplitude
 
-    Raises
-    ------
-    RuleError
-        If ``coherence_length`` is negative or NaN, or the shapes do not fit.
-
     Warns
     -----
     UserWarning
@@ -111,11 +106,6 @@ def coherent_modes(W0: np.ndarray, n_modes: int | None = None, energy: float = 0
     modes : [n, K]
         Orthonormal columns: W0 ~ modes @ diag(eigenvalues) @ modes^H.
 
-    Raises
-    ------
-    RuleError
-        If W0 is not Hermitian or not positive, or a number is out of range.
-
     Examples
     --------
     >>> import numpy as np
@@ -153,11 +143,6 @@ def separable_coherent_modes(
         Power of each mode, falling.
     modes : [ny * nx, K]
         Orthonormal columns over the points in C order, x running fastest.
-
-    Raises
-    ------
-    RuleError
-        As `coherent_modes`.
 
     Examples
     --------
@@ -224,12 +209,6 @@ def number_of_modes(a_over_sigma: float, energy: float = 0.99) -> int:
     energy : float
         Share of the power that the modes are to hold, between 0 and 1; .99 by default. More asks for more modes.
 
-    Raises
-    ------
-    RuleError
-        If ``a_over_sigma``, half width over coherence length, is negative or not finite, or ``energy``
-        is not between 0 and 1.
-
     Examples
     --------
     >>> from specklegen.coherence import number_of_modes
@@ -257,11 +236,6 @@ def effective_modes(W: np.ndarray) -> float:
     W : float64[n, n] or complex128[n, n]
         Cross-spectral density of the light, between points of one spacing.
 
-    Raises
-    ------
-    RuleError
-        If W is not a square matrix of finite numbers, or holds no light.
-
     Examples
     --------
     >>> import numpy as np
@@ -287,11 +261,6 @@ def speckle_contrast(W: np.ndarray) -> float:
     ----------
     W : [n, n]
         Cross-spectral density of the source.
-
-    Raises
-    ------
-    RuleError
-        As `effective_modes`.
 
     Examples
     --------
@@ -421,11 +390,6 @@ def propagate_csd(G: np.ndarray, W0: np.ndarray) -> np.ndarray:
         Hermitian and positive, of rank ``points`` at most. For intensities alone use
         `intensity_from_modes`, which needs no such matrix.
 
-    Raises
-    ------
-    RuleError
-        If the shapes do not fit, or a number is not finite.
-
     Examples
     --------
     >>> import numpy as np
@@ -468,11 +432,6 @@ def intensity_from_modes(G: np.ndarray, modes: np.ndarray, eigenvalues: np.ndarr
     -------
     float64[...]
 
-    Raises
-    ------
-    RuleError
-        If the shapes do not fit, a number is not finite, or a power is negative.
-
     Examples
     --------
     >>> import numpy as np
@@ -496,11 +455,6 @@ def spectral_density(W: np.ndarray) -> np.ndarray:
     ----------
     W : float64[n, n] or complex128[n, n]
         Cross-spectral density.
-
-    Raises
-    ------
-    RuleError
-        If W is not a square matrix of finite numbers.
 
     Examples
     --------

@@ -240,11 +240,6 @@ class CylindricalFocus(Value):
         -------
         complex128[pixels, n_source]
 
-        Raises
-        ------
-        RuleError
-            If both are asked for.
-
         Source: [Prahl09] Eq. 3, with the phase of `specklegen.kernels.rays`.
         """
         derivative = flag("CylindricalFocus.physical_optics derivative", derivative)
@@ -379,11 +374,6 @@ def flux_weighted_csd(G: np.ndarray, dG: np.ndarray, W0: np.ndarray, k: float) -
     Returns
     -------
     complex128[pixels, pixels]
-
-    Raises
-    ------
-    RuleError
-        If the shapes do not fit, or a number is not finite.
 
     Source: [Prahl09], measurement function, with the derivative taken analytically.
 

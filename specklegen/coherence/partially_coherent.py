@@ -165,11 +165,6 @@ def gaussian_schell_object(
     IncoherentObject
         Its degree of coherence is the Gaussian to 0.1 % between any two points of the window.
 
-    Raises
-    ------
-    RuleError
-        As `source_lattice`.
-
     Examples
     --------
     >>> from specklegen.coherence import gaussian_schell_object
@@ -283,11 +278,6 @@ def render_partially_coherent(
     SpeckleStack
         ``.intensity`` float32[(R,) T, *sensor], sum_j p_j |u_j|^2; all beams of all tilts see one medium.
         It has no ``.field``.
-
-    Raises
-    ------
-    RuleError
-        As `specklegen.render`, and for a coherence length out of its range or other illumination.
 
     Examples
     --------

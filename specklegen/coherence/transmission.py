@@ -82,11 +82,6 @@ def transmission_matrix(
         the relative standard error ``report.expected_error``, common to all entries, and
         ``standard_error`` is half of it times |value|.
 
-    Raises
-    ------
-    RuleError
-        As `specklegen.render`, or if ``modes`` does not fit the beams.
-
     Examples
     --------
     >>> import specklegen as sg
@@ -139,11 +134,6 @@ def source_modes(
     modes : float64[beams, K]
         For `transmission_matrix` or `specklegen.coherence.cross_spectral_density.intensity_from_modes`; of unit norm on
         the window, relative to that of a beam.
-
-    Raises
-    ------
-    RuleError
-        As `coherent_modes`.
 
     Examples
     --------
@@ -205,11 +195,6 @@ def face_modes(amplitudes: np.ndarray) -> np.ndarray:
     -------
     complex128[count * count, K]
         Between pixel centres the field is the trigonometric interpolation, which joins opposite edges.
-
-    Raises
-    ------
-    RuleError
-        If the number of rows is not a square.
 
     Examples
     --------

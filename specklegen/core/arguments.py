@@ -23,13 +23,7 @@ _MOST = 2**512  # of a whole number without a bound of its own: its float is fin
 
 
 def instance(field: str, value: object, kind: type[T]) -> T:
-    """Return the value, which has to be of a type.
-
-    Raises
-    ------
-    RuleError
-        If it is not.
-    """
+    """Return the value, which has to be of a type."""
     if not isinstance(value, kind):
         reject(field, f"a {kind.__name__}", value)
     return value
@@ -53,13 +47,7 @@ def whole_number(field: str, value: object, least: int = 0, most: int | None = N
 
 
 def whole_numbers(field: str, value: object, least: int = 0, most: int | None = None) -> list[int]:
-    """Return at least one whole number in a range, from a sequence or an array of one dimension.
-
-    Raises
-    ------
-    RuleError
-        If it is something else, or holds something else or nothing.
-    """
+    """Return at least one whole number in a range, from a sequence or an array of one dimension."""
     try:
         numbers = value.tolist() if hasattr(value, "tolist") else list(value)  # type: ignore[call-overload, attr-defined]
     except (TypeError, ValueError, NotImplementedError, RuntimeError):  # the last two of torch, of "meta"
@@ -70,26 +58,14 @@ def whole_numbers(field: str, value: object, least: int = 0, most: int | None = 
 
 
 def file_path(field: str, value: object) -> Path:
-    """Return the path of a file or folder, given as text or as such.
-
-    Raises
-    ------
-    RuleError
-        If it is something else, or no text.
-    """
+    """Return the path of a file or folder, given as text or as such."""
     if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str) or not os.fspath(value):
         reject(field, "a path", value)
     return Path(value)
 
 
 def several(field: str, value: object, kind: type[T]) -> tuple[T, ...]:
-    """Return one value of a type, or a sequence of them, as a tuple of at least one.
-
-    Raises
-    ------
-    RuleError
-        If it holds something else, or nothing.
-    """
+    """Return one value of a type, or a sequence of them, as a tuple of at least one."""
     try:
         found = (value,) if isinstance(value, kind) else tuple(value)  # type: ignore[arg-type]
     except TypeError:
@@ -113,13 +89,7 @@ def flag(field: str, value: object) -> bool:
 
 
 def choice(field: str, value: object, choices: Collection[str]) -> str:
-    """Return a name, which has to be one of some.
-
-    Raises
-    ------
-    RuleError
-        If it is none of them; the message lists them.
-    """
+    """Return a name, which has to be one of some."""
     if not isinstance(value, str) or value not in choices:
         reject(field, "one of " + ", ".join(f'"{name}"' for name in choices), value)
     return str(value)
@@ -144,13 +114,7 @@ def real_number(field: str, value: object) -> float:
 
 
 def number_from_zero(field: str, value: object, *, above: bool = False, finite: bool = False) -> float:
-    """Return a number of at least 0 (or above it) as a float, where ``finite`` no infinite one.
-
-    Raises
-    ------
-    RuleError
-        If it is none.
-    """
+    """Return a number of at least 0 (or above it) as a float, where ``finite`` no infinite one."""
     return float(array_from_zero(field, real_number(field, value), above=above, finite=finite))
 
 
@@ -170,13 +134,7 @@ def complex_number(field: str, value: object) -> complex:
 
 
 def positive_number(field: str, value: object) -> float:
-    """Return a finite number greater than 0 as a float.
-
-    Raises
-    ------
-    RuleError
-        If it is none.
-    """
+    """Return a finite number greater than 0 as a float."""
     number = real_number(field, value)
     if not 0 < number < np.inf:
         reject(field, "finite and greater than 0", value)
@@ -184,24 +142,12 @@ def positive_number(field: str, value: object) -> float:
 
 
 def real_array(field: str, value: ArrayLike) -> np.ndarray:
-    """Return an array of numbers as float64.
-
-    Raises
-    ------
-    RuleError
-        If it holds something else.
-    """
+    """Return an array of numbers as float64."""
     return _array(field, value, np.float64)
 
 
 def array_from_zero(field: str, value: ArrayLike, *, above: bool = False, finite: bool = False) -> np.ndarray:
-    """Return an array of numbers of at least 0 (or above it) as float64, where ``finite`` none of them infinite.
-
-    Raises
-    ------
-    RuleError
-        If it holds something else.
-    """
+    """Return an array of numbers of at least 0 (or above it) as float64, where ``finite`` none of them infinite."""
     found = real_array(field, value)
     if not ((found > 0) if above else (found >= 0)).all() or (finite and not np.isfinite(found).all()):
         reject(field, ("finite and " if finite else "") + ("above 0" if above else "at least 0"), found)
@@ -209,13 +155,7 @@ def array_from_zero(field: str, value: ArrayLike, *, above: bool = False, finite
 
 
 def complex_array(field: str, value: ArrayLike) -> np.ndarray:
-    """Return an array of real or complex numbers as complex128.
-
-    Raises
-    ------
-    RuleError
-        If it holds something else.
-    """
+    """Return an array of real or complex numbers as complex128."""
     return _array(field, value, np.complex128)
 
 
@@ -231,13 +171,7 @@ def _array(field: str, value: ArrayLike, kind: type[np.inexact]) -> np.ndarray:
 
 
 def together(owner: str, **arrays: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return arrays in the one shape to which all of them are broadcast.
-
-    Raises
-    ------
-    RuleError
-        If there is no such shape; the message names each with its own.
-    """
+    """Return arrays in the one shape to which all of them are broadcast."""
     try:
         return tuple(np.broadcast_arrays(*arrays.values()))
     except ValueError:
@@ -271,13 +205,7 @@ def real_tensor(field: str, value: object) -> "Tensor":
 
 
 def finite_numbers(field: str, value: ArrayLike, dimensions: int | None = None) -> np.ndarray:
-    """Return an array of real or complex numbers, all of them finite.
-
-    Raises
-    ------
-    RuleError
-        If it holds something else, or has another number of dimensions.
-    """
+    """Return an array of real or complex numbers, all of them finite."""
     try:
         array = np.asarray(on_host(value))
     except (TypeError, ValueError, RuntimeError):

@@ -63,11 +63,6 @@ class Budget:
         Relative intensity below which "auto" drops a part.
     least : int
         Paths that the verb's estimate takes at least.
-
-    Raises
-    ------
-    RuleError
-        Naming the argument.
     """
 
     owner: str

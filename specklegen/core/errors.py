@@ -47,11 +47,6 @@ def reject(field: str, rule: str, value: object, remedy: str = "", in_tables: st
     """Raise the house error: ``field must be rule; got value.`` and then the remedy.
 
     ``in_tables`` is the field's name in a file, where that is another.
-
-    Raises
-    ------
-    RuleError
-        Always; a subclass of :class:`ValueError`.
     """
     said = f"must be {rule}; got {shown(value)}." + (f" {remedy}" if remedy else "")
     raise RuleError(f"{field} {said}", f"{in_tables or field} {said}")

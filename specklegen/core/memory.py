@@ -140,11 +140,6 @@ def require_memory(owner: str, rule: str, needed: float, what: str, remedy: str,
         What to do instead.
     share
         Of :func:`available_memory` that may be taken.
-
-    Raises
-    ------
-    RuleError
-        With the bytes there are and the bytes it takes.
     """
     if needed <= _SMALL:
         return

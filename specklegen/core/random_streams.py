@@ -33,24 +33,12 @@ class Stream(IntEnum):
 
 
 def stream_key(seed: Seed, stream: Stream) -> tuple[int, int]:
-    """Two 32-bit words that key the draws of one stream of one seed.
-
-    Raises
-    ------
-    RuleError
-        If the seed is not a non-negative integer or a sequence of them.
-    """
+    """Two 32-bit words that key the draws of one stream of one seed."""
     return _key(int(stream), seed_words(seed))
 
 
 def seed_words(seed: Seed) -> tuple[int, ...]:
-    """Return the whole numbers of a seed, one or several.
-
-    Raises
-    ------
-    RuleError
-        If the seed is not a non-negative integer or a sequence of them.
-    """
+    """Return the whole numbers of a seed, one or several."""
     words = list(seed) if isinstance(seed, Sequence) and not isinstance(seed, str | bytes) else [seed]
     if not words or any(isinstance(w, bool) or not isinstance(w, int | np.integer) or w < 0 for w in words):
         reject("seed", "a whole number of at least 0, or a sequence of them", seed)

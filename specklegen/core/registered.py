@@ -64,13 +64,7 @@ class Registered(Admitted):
 
     @classmethod
     def read(cls, value: Any) -> Any:
-        """Return a member of the family, from a member or a table with its name.
-
-        Raises
-        ------
-        ValueError
-            With the rule, if it is neither.
-        """
+        """Return a member of the family, from a member or a table with its name."""
         if isinstance(value, cls):
             return value
         if not isinstance(value, Mapping):
@@ -134,13 +128,7 @@ def own_classes(value: Any) -> Iterator[type]:
 
 
 def require_importable(classes: Iterable[type]) -> None:
-    """Refuse classes that another process cannot import.
-
-    Raises
-    ------
-    RuleError
-        With the remedy.
-    """
+    """Refuse classes that another process cannot import."""
     main = sys.modules["__main__"]
     for cls in classes:
         typed_in = cls.__module__ == "__main__" and getattr(main, "__file__", None) is None

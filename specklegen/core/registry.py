@@ -150,13 +150,7 @@ class Registry(Generic[T]):
         self._members[name] = member
 
     def find(self, field: str, name: object, beside: Collection[str] = ()) -> T:
-        """Member of a name or of an import path; ``beside`` them the field takes other words, which an error lists.
-
-        Raises
-        ------
-        RuleError
-            If there is none; the error lists the known names.
-        """
+        """Member of a name or of an import path; ``beside`` them the field takes other words, which an error lists."""
         if isinstance(name, str) and name in self._members:
             return self._members[name]
         if not is_import_path(name):

@@ -39,24 +39,12 @@ def read_text(path: Path, field: str) -> str:
 
 
 def toml_table(text: str, field: str) -> dict[str, Any]:
-    """Parse TOML.
-
-    Raises
-    ------
-    RuleError
-        If the text is no TOML, or too deep.
-    """
+    """Parse TOML."""
     return _table(tomllib.loads, text, field, "valid TOML")
 
 
 def json_table(text: str, field: str) -> dict[str, Any]:
-    """Parse a JSON object.
-
-    Raises
-    ------
-    RuleError
-        If the text is no JSON object, or too deep.
-    """
+    """Parse a JSON object."""
     return _table(json.loads, text, field, "a JSON object")
 
 

@@ -52,11 +52,6 @@ def plain_lengths(owner: str, fields: Mapping[str, Any], names: tuple[str, ...])
     """Fields with numbers for lengths that are written with units.
 
     The unit is that of a wavelength that is a plain number, else the micrometre.
-
-    Raises
-    ------
-    RuleError
-        If a text is no length, or the wavelength does not tell the unit of the others.
     """
     written = {name: value for name in names if isinstance(value := fields.get(name), str)}
     if not written:

@@ -243,24 +243,12 @@ class Value(BaseModel, metaclass=Legible):
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """Read a value from JSON.
-
-        Raises
-        ------
-        RuleError
-            If the text is no JSON object, or a field breaks a rule.
-        """
+        """Read a value from JSON."""
         return cls(**json_table(text, f"{cls.__name__} in JSON"))
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
-        """Read a value from TOML.
-
-        Raises
-        ------
-        RuleError
-            If the text is not TOML, or a field breaks a rule.
-        """
+        """Read a value from TOML."""
         return cls(**toml_table(text, f"{cls.__name__} in TOML"))
 
     def replace(self, **changes: Any) -> Self:
@@ -390,13 +378,7 @@ def unit_vectors(field: str, vectors: np.ndarray) -> np.ndarray:
 
 
 def position_vectors(field: str, points: np.ndarray) -> np.ndarray:
-    """Check positions ``(..., d)``, d = 2 or 3.
-
-    Raises
-    ------
-    RuleError
-        If the last axis is not 2 or 3 long.
-    """
+    """Check positions ``(..., d)``, d = 2 or 3."""
     if points.shape == (0,):
         points = points.reshape(0, 3)
     if points.ndim < 1 or points.shape[-1] not in (2, 3):

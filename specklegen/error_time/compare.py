@@ -79,11 +79,6 @@ def compare(
     ------
     Row
         In the order of the samplers and of their counts. What is compiled or cached once is not counted.
-
-    Raises
-    ------
-    RuleError
-        If ``seconds`` is not above 0, or the scene has no lights or no views.
     """
     if not seconds > 0:
         reject("compare seconds", "greater than 0", seconds)

@@ -40,11 +40,6 @@ def fit_trend(seconds: ArrayLike, errors: ArrayLike, freedom: ArrayLike) -> Tren
         float[n], independent squares behind each root mean square error. Its logarithm then has the variance
         psi'(freedom / 2) / 4, and lies low by (log(freedom / 2) - psi(freedom / 2)) / 2, which is put back: 0.64 for
         a single run, enough to steepen a slope whose longest runs are the fewest.
-
-    Raises
-    ------
-    RuleError
-        For fewer than two times, or anything not above 0.
     """
     x, y, freedom = (np.asarray(each, dtype=np.float64) for each in (seconds, errors, freedom))
     for name, values in (("seconds", x), ("errors", y), ("freedom", freedom)):

@@ -29,11 +29,6 @@ def courant_limit(kappa: np.ndarray, method: Literal["bound", "eigen"] = "bound"
     method : {"bound", "eigen"}
         "bound" is min(n)/n_b, sufficient and O(N); "eigen" the exact limit, one eigenvalue a medium.
 
-    Raises
-    ------
-    RuleError
-        If a permittivity is not positive (kappa <= -1) or not finite.
-
     Examples
     --------
     >>> import numpy as np
@@ -74,13 +69,7 @@ def check_kappa(kappa: np.ndarray) -> np.ndarray:
 
 
 def check_courant(courant: float, kappa: np.ndarray, method: Literal["bound", "eigen"] = "bound") -> float:
-    """Return ``courant`` if the march in ``kappa`` is stable with it.
-
-    Raises
-    ------
-    RuleError
-        If it is not in (0, limit]; the message names the limit.
-    """
+    """Return ``courant`` if the march in ``kappa`` is stable with it."""
     limit = courant_limit(kappa, method)
     # a vacuum Courant number of 1 written as S = 1/n_b may sit a rounding above min(n)/n_b = 1/n_b
     if not 0 < courant <= limit * (1 + 4 * np.finfo(float).eps):

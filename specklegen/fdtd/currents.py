@@ -160,11 +160,6 @@ def mean_polarisation(moments: Moments, theta: np.ndarray, order: int, p: np.nda
     """Mean of kappa E over the incident field, cell by cell, to Born order ``order``: complex128[F, N].
 
     ``p`` replaces the out-of-phase sums (a single delay). Order 1 is <kappa_m>; order 2 adds g q_m.
-
-    Raises
-    ------
-    RuleError
-        If ``order`` is neither 1 nor 2. (Odd orders beyond change almost nothing for a Gaussian index.)
     """
     if order not in (1, 2):
         reject("order", "1 or 2", order)

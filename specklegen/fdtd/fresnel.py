@@ -29,11 +29,6 @@ def slab_fresnel(
     reflected, transmitted : complex128[F]
         At the entrance face, and at the exit face over the wave that would be there without the slab.
 
-    Raises
-    ------
-    RuleError
-        If an index is not greater than 0, or a number is not finite.
-
     Examples
     --------
     >>> import numpy as np

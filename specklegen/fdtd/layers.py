@@ -121,11 +121,6 @@ class RandomLayer(Value):
         """Draw realizations ``first`` to ``first + n - 1`` of kappa = (n/n_b)^2 - 1, float64[n, N].
 
         Realization r is a pure function of (layer, seed, r), whatever ``n`` and ``first``.
-
-        Raises
-        ------
-        RuleError
-            If ``n`` is less than 1, ``first`` negative, or an index drawn is not positive.
         """
         if n < 1:
             reject("RandomLayer.sample.n", "at least 1", n)
@@ -161,11 +156,6 @@ def sample_moments(kappa: np.ndarray) -> Moments:
     ----------
     kappa : float64[R, N]
         The media, a row each: kappa = (n/n_b)^2 - 1 in every cell.
-
-    Raises
-    ------
-    RuleError
-        If ``kappa`` is no table of finite numbers.
 
     Examples
     --------

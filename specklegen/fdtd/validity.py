@@ -41,11 +41,6 @@ def phase_variance(layer: RandomLayer, wavenumber: float) -> float:
     wavenumber
         k0 = 2 pi over the wavelength in vacuum, at least 0.
 
-    Raises
-    ------
-    RuleError
-        If ``wavenumber`` is negative or not finite.
-
     Examples
     --------
     >>> import numpy as np

@@ -65,13 +65,7 @@ class NoiseStreams(NamedTuple):
 
     @classmethod
     def of(cls, seed: int | Words) -> Self:
-        """Four different substreams of one seed: a whole number, or a sequence of 32-bit words.
-
-        Raises
-        ------
-        RuleError
-            If the seed is neither.
-        """
+        """Four different substreams of one seed: a whole number, or a sequence of 32-bit words."""
         words = [seed] if isinstance(seed, int | np.integer) else [*seed]
         if not words or any(word < 0 or (len(words) > 1 and word >= 2**32) for word in words):
             reject("NoiseStreams.of seed", "a whole number >= 0, or a sequence of 32-bit words", seed)
@@ -344,11 +338,6 @@ def depolarised(image: ArrayLike, independent: ArrayLike, degree: float = 0.0) -
     -------
     image
         float64[..., H, W].
-
-    Raises
-    ------
-    RuleError
-        If the degree is outside 0 to 1, or the images differ in shape.
 
     Examples
     --------

@@ -216,13 +216,7 @@ class LabSetup(Value):
 
     @property
     def metres(self) -> float:
-        """Metres in its unit of length, by its wavelength: that of light is .15 to 25 micrometres.
-
-        Raises
-        ------
-        RuleError
-            If the wavelength is none of light in nanometres, micrometres, millimetres or metres.
-        """
+        """Metres in its unit of length, by its wavelength: that of light is .15 to 25 micrometres."""
         unit = unit_of(self.wavelength)
         if unit is not None:
             return unit

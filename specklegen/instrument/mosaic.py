@@ -90,11 +90,6 @@ class PolarisationMosaic(Value):
             Intensities float[..., 4, H m, W m] behind ideal polarisers at 0, 45, 90 and 135 degrees, at least 0.
         oversampling
             Image points along each side of a pixel.
-
-        Raises
-        ------
-        RuleError
-            If there are not four images of an even number of rows and columns of pixels, finite and at least 0.
         """
         seen = real_array("PolarisationMosaic.pixels images", images)
         points = whole_number("PolarisationMosaic.pixels oversampling", oversampling, 1)
@@ -110,11 +105,6 @@ class PolarisationMosaic(Value):
         """S0, S1 and S2 float64[..., 3, H, W] of light or counts (less their offset) float[..., H, W] of the pixels.
 
         Each is interpolated linearly between the pixels of one angle, and the four of them are fitted together.
-
-        Raises
-        ------
-        RuleError
-            If rows or columns are odd.
         """
         seen = real_array("PolarisationMosaic.stokes pixels", pixels)
         if seen.ndim < 2:

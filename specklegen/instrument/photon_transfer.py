@@ -127,13 +127,7 @@ class CameraFit(Pictured):
         return fields | {"bit_depth": self.bit_depth}
 
     def camera(self, photons: float, **fields: Any) -> Camera:
-        """Return the camera in a light of so many photons a pixel; ``fields`` are further ones of `Camera`.
-
-        Raises
-        ------
-        RuleError
-            If a field breaks its rule.
-        """
+        """Return the camera in a light of so many photons a pixel; ``fields`` are further ones of `Camera`."""
         return Camera(photons=photons, **self.table | fields)
 
     def to_toml(self) -> str:

@@ -49,11 +49,6 @@ def blood(wavelength: float, oxygenation: float) -> float:
         In vacuum, .4 to 1 micrometres.
     oxygenation
         Share of the haemoglobin that holds oxygen.
-
-    Raises
-    ------
-    RuleError
-        At another wavelength, or for a share beyond 0 to 1.
     """
     if not 0 <= real_number("absorption of blood: oxygenation", oxygenation) <= 1:
         reject("absorption of blood: oxygenation", "from 0 to 1", oxygenation)

@@ -39,11 +39,6 @@ def about(name: str) -> Preset:
     ----------
     name
         One of ``list()``.
-
-    Raises
-    ------
-    RuleError
-        If there is no preset of that name.
     """
     return PRESETS[choice("materials name", name, names())]
 
@@ -131,13 +126,7 @@ def known_wavelength(name: str, wavelength: float) -> float:
 
 
 def known_lobe(name: str, lobe: str) -> str:
-    """Return a family of lobes that a preset may have.
-
-    Raises
-    ------
-    RuleError
-        If it has none of that name.
-    """
+    """Return a family of lobes that a preset may have."""
     lobes = about(name).lobes
     if not lobes:
         reject(f"materials.get({name!r}) lobe", "left out: its particles leave no choice", lobe)
@@ -145,13 +134,7 @@ def known_lobe(name: str, lobe: str) -> str:
 
 
 def require_measured(name: str, wavelength: float, given: Iterable[str]) -> None:
-    """Refuse to take a number of a preset, or its range, at wavelengths at which it is not known.
-
-    Raises
-    ------
-    RuleError
-        With the band, and what to do.
-    """
+    """Refuse to take a number of a preset, or its range, at wavelengths at which it is not known."""
     for field, number in about(name).numbers.items():
         if field not in given and not number.holds(wavelength):
             low, high = number.band

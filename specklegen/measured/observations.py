@@ -134,11 +134,6 @@ class _Curve(Observation):
             Standard error of all values, of a file that has none.
         fields
             Further ones of the class.
-
-        Raises
-        ------
-        RuleError
-            With the line of the file.
         """
         curve = read_curve(path)
         errors = curve.errors

@@ -28,13 +28,7 @@ class Region(NamedTuple):
 
 
 def given_region(given: Any, shape: tuple[int, int], field: str) -> Region:
-    """Check a region (top, left, height, width) of a frame of a shape.
-
-    Raises
-    ------
-    RuleError
-        If it is none, or too small, or not inside the frame.
-    """
+    """Check a region (top, left, height, width) of a frame of a shape."""
     if not (isinstance(given, tuple | list) or getattr(given, "shape", ()) == (4,)) or len(given) != 4:
         reject(f"{field} region", '"find", or (top, left, height, width) in pixels', given)
     numbers = Region(*(whole_number(f"{field} region", each) for each in given))

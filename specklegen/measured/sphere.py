@@ -222,11 +222,6 @@ def read_sphere(path: str | Path, *, dual_beam: bool = False) -> SphereReadings:
     dual_beam
         Whether the spectrometer had a second beam, which measures the sphere with the sample in it; files do not say.
 
-    Raises
-    ------
-    RuleError
-        With the line of what cannot be.
-
     Examples
     --------
     >>> import tempfile

@@ -101,13 +101,7 @@ def aimed(
     owner: str, medium: PlaneMedium, wavelength: float, tilts: np.ndarray, mode: Mode, view: ArrayLike | None,
     reverse: Reverse, tolerance: float,
 ) -> Aim:  # fmt: skip
-    """Pairs of light and view of a slab at tilts float64[T], refused where no curve can be had of them.
-
-    Raises
-    ------
-    RuleError
-        See :func:`memory_effect`.
-    """
+    """Pairs of light and view of a slab at tilts float64[T], refused where no curve can be had of them."""
     if isinstance(medium, Box | VoxelGrid | Scene):
         reject(
             f"{owner} medium", "a Slab or Layers, which are infinite sideways", medium,
@@ -392,13 +386,7 @@ def memory_effect(
 
 
 def require_traced(owner: str, medium: PlaneMedium, aim: Aim, count: int, threads: int | None) -> None:
-    """Refuse fewer paths than it takes for any to cross an absorbing medium, and a month of computing.
-
-    Raises
-    ------
-    RuleError
-        With the remedy.
-    """
+    """Refuse fewer paths than it takes for any to cross an absorbing medium, and a month of computing."""
     reverse, matched = aim.reversal.needed, medium.faces.matched
     if aim.side > 0 and (reverse or not matched or as_slab(medium) is None or medium.polarisation != "scalar"):
         require_reach(owner, relative_variance(medium), count)
@@ -415,13 +403,7 @@ def require_traced(owner: str, medium: PlaneMedium, aim: Aim, count: int, thread
 
 
 def analysed(owner: str, medium: object, channel: str, azimuth: float) -> Polariser | None:
-    """Light and analyser of a medium that knows polarisation; None of one where light is a scalar.
-
-    Raises
-    ------
-    RuleError
-        For a channel or an azimuth that is none, or that a scalar medium is asked for.
-    """
+    """Light and analyser of a medium that knows polarisation; None of one where light is a scalar."""
     choice(f"{owner} channel", channel, get_args(Channel))
     azimuth = real_number(f"{owner} azimuth", azimuth)
     if not np.isfinite(azimuth):

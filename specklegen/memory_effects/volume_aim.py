@@ -23,13 +23,7 @@ def volume_scene(
     owner: str, medium: Box | VoxelGrid, wavelength: float, tilts: np.ndarray, mode: Mode, view: ArrayLike | None,
     reverse: Reverse, tolerance: float,
 ) -> tuple[Aim, Scene]:  # fmt: skip
-    """Pairs of light and view of a medium with sides at tilts float64[T], and the scene of no tilt and these.
-
-    Raises
-    ------
-    RuleError
-        For angles and views that are none, and a medium that does not scatter.
-    """
+    """Pairs of light and view of a medium with sides at tilts float64[T], and the scene of no tilt and these."""
     if np.isinf(medium.mean_free_path) or not np.any(medium.albedo):
         reject(f"{owner} medium", "one that scatters", medium, "Without scattered light there is no speckle.")
     require_angles(owner, tilts)

@@ -61,11 +61,6 @@ def adding_doubling(
         correlation with that at lag 0.
     view
         Cosine, above 0, of the angle between the axis and the views.
-
-    Raises
-    ------
-    RuleError
-        For an optical depth that is not above 0, a negative motion, or a view that is none.
     """
     if not optical_depth > 0:
         reject("adding_doubling optical_depth", "greater than 0", optical_depth)

@@ -107,11 +107,6 @@ def temporal_correlation(
         Threads; by default one per core. The result is the same to the bit for any number.
     flow
         Velocities float64[N, 2] of centres float64[N, 2], which then move by these alone for the times ``x``.
-
-    Raises
-    ------
-    RuleError
-        For lags that fall or are negative, or fewer than two placements to a batch.
     """
     x = np.atleast_1d(np.asarray(x, dtype=np.float64))
     if x.ndim != 1 or not len(x) or not np.isfinite(x).all() or (np.diff(x, prepend=0.0) < 0).any():

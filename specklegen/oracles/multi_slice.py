@@ -131,11 +131,6 @@ def slice_views(
     complex64[T, size, size]
         (1 / wavelength) sum E e^(-ik s.x) dA of every tilt at the sines s of ``np.fft.fftfreq(size, pitch /
         wavelength)``, rows along y. Light that was not scattered lies in the tilt's own bin.
-
-    Raises
-    ------
-    RuleError
-        As :func:`multi_slice`.
     """
     _check(slab, wavelength, pitch)
     parts = _parts(slab, wavelength, pitch, size)
@@ -187,11 +182,6 @@ def slice_coherence(slab: PlaneMedium, *, wavelength: float, pitch: float, size:
     ----------
     slab, wavelength, pitch, size
         As of :func:`multi_slice`.
-
-    Raises
-    ------
-    RuleError
-        As :func:`multi_slice`.
     """
     _check(slab, wavelength, pitch)
     phases = [

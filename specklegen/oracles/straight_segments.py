@@ -82,13 +82,7 @@ class Segment:
 
 
 def segment(field: str, start: object, end: object, wavelength: float, nodes: float, ends: bool = False) -> Segment:
-    """Return a checked `Segment` with ``nodes`` nodes a wavelength, and 24 at least.
-
-    Raises
-    ------
-    RuleError
-        If the ends are not two different finite points.
-    """
+    """Return a checked `Segment` with ``nodes`` nodes a wavelength, and 24 at least."""
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     if a.shape != (2,) or b.shape != (2,) or not np.isfinite([a, b]).all() or np.array_equal(a, b):
         reject(field, "two different finite points of two coordinates", (start, end))

@@ -76,11 +76,6 @@ def strip_solver(
 
     8 nodes a wavelength give 5e-14 where strips are a wavelength apart; memory is 16 (8 L)^2 bytes for a total length
     of L wavelengths.
-
-    Raises
-    ------
-    RuleError
-        If the wavelength is not positive, the direction not a unit vector, or a strip not two different points.
     """
     if not (np.isfinite(wavelength) and wavelength > 0):
         reject("strip_solver wavelength", "finite and greater than 0", wavelength)

@@ -93,11 +93,6 @@ def vector_adding_doubling(
     index
         Of refraction inside over outside, of both faces. Cosines are those inside, the light is that inside the slab
         before it leaves, times what the face lets through of it; echoes add up as intensities.
-
-    Raises
-    ------
-    RuleError
-        For an optical depth that is not above 0, or cosines that are none.
     """
     depths = np.atleast_1d(np.asarray(optical_depth, np.float64))
     matrices = [matrix] * len(depths) if callable(matrix) else [*matrix]

@@ -157,11 +157,6 @@ def ensemble(
         Threads; by default one per core.
     progress
         Show a progress bar.
-
-    Raises
-    ------
-    RuleError
-        If there are fewer than two placements to a batch, or fewer than two batches.
     """
     if batches < 2:
         reject("batches", "at least 2", batches)

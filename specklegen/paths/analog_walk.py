@@ -76,11 +76,6 @@ def require_walkable(owner: str, medium: Medium, paths: int, beside: float = 0.0
         The verb that is asked, for messages.
     beside
         Seconds that the verb takes with what the paths find.
-
-    Raises
-    ------
-    RuleError
-        With the remedy.
     """
     events = events_per_path(medium)
     require_traceable(medium, events)

@@ -70,11 +70,6 @@ def require_reach(owner: str, variance: float, paths: int) -> None:
         Least of :func:`crossing_variances`.
     paths
         Paths of the run.
-
-    Raises
-    ------
-    RuleError
-        With the paths that it takes, where there can be so many.
     """
     if paths >= LEAST * variance and paths <= MOST_PATHS:
         return

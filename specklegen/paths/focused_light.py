@@ -59,13 +59,7 @@ def focus_loss(scene: Scene, reverse: bool, part: float = 1.0) -> float:
 
 
 def narrow_lobes(scene: Scene, reverse: bool) -> list[Decision]:
-    """What path sums make of a focus, seen from afar, beside narrow lobes; refuse cones whose focus they would widen.
-
-    Raises
-    ------
-    RuleError
-        With the aperture that would pass.
-    """
+    """What path sums make of a focus, seen from afar, beside narrow lobes; refuse cones whose focus they widen."""
     lit = scene.replace(illumination=scene.beams)
     decision = far_field_decision(lit)
     if decision is None or not decision.doubt or not len(scene.illumination.vectors):

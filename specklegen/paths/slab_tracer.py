@@ -57,13 +57,7 @@ def events_across(medium: PlaneMedium) -> float:
 
 
 def require_traceable(medium: Medium, events: float) -> None:
-    """Refuse a medium so deep that even a pilot would not come to an end.
-
-    Raises
-    ------
-    RuleError
-        With the remedy.
-    """
+    """Refuse a medium so deep that even a pilot would not come to an end."""
     if events > MOST_EVENTS:
         reject(
             f"{medium.type}.optical_depth", f"at most {MOST_EVENTS / 2.5:.0e} where little absorbs",

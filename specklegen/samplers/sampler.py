@@ -318,13 +318,7 @@ AnySampler = str | type[Sampler]
 
 
 def asked_sampler(field: str, asked: AnySampler) -> type[Sampler] | None:
-    """Class of the sampler that is asked for; None of "auto".
-
-    Raises
-    ------
-    RuleError
-        If there is none of that name; the error lists those that there are.
-    """
+    """Class of the sampler that is asked for; None of "auto"."""
     if not isinstance(asked, str) and not _is_sampler(asked):
         reject(field, "the name of a sampler, or its class", asked)
     if asked == "auto":
@@ -333,25 +327,13 @@ def asked_sampler(field: str, asked: AnySampler) -> type[Sampler] | None:
 
 
 def require_float32(intensity: float) -> None:
-    """Refuse a scene whose mean intensity, a float64, float32 does not hold with its dark grains and bright ones.
-
-    Raises
-    ------
-    RuleError
-        With the remedy.
-    """
+    """Refuse a scene whose mean intensity, a float64, float32 does not hold with its dark grains and bright ones."""
     if intensity and not LEAST_FLOAT32 <= intensity <= MOST_FLOAT32:
         _reject_range(intensity)
 
 
 def require_finite(images: np.ndarray) -> np.ndarray:
-    """Return fields complex64 or intensities float32, unless their intensities overflow.
-
-    Raises
-    ------
-    RuleError
-        With the remedy.
-    """
+    """Return fields complex64 or intensities float32, unless their intensities overflow."""
     if images.size:
         parts = np.ascontiguousarray(images).view(np.float32)  # whose extremes are found without a copy
         highest = max(float(parts.max()), -float(parts.min()))

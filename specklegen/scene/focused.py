@@ -110,13 +110,7 @@ class FocusedBeams(Light):
         return 2 * float((aside + slope * np.abs(self.points[:, 2])).max(initial=0.0))
 
     def require_focus(self, wavelength: float, largest_sine: float) -> None:
-        """Refuse cones that the window cuts off, apertures that no light has, and more beams than memory holds.
-
-        Raises
-        ------
-        RuleError
-            With the number that would pass.
-        """
+        """Refuse cones that the window cuts off, apertures that no light has, and more beams than memory holds."""
         sine = self.sine(wavelength)
         if not sine < largest_sine:
             if self.aperture is not None:

@@ -201,13 +201,7 @@ class Imaging(Sensor):
 
     @property
     def directions(self) -> NoReturn:
-        """None: what is seen is a sum over directions.
-
-        Raises
-        ------
-        RuleError
-            Always, in the name of whoever asks a sensor for its views.
-        """
+        """None: what is seen is a sum over directions."""
         reject(
             "Scene.sensor", "directions or points here", "Imaging",
             "plan and render serve a camera with a lens; others ask FarField or NearField.",
@@ -241,13 +235,7 @@ class Imaging(Sensor):
         return FarFieldGrid(shape=(views, views), pitch=2 * self.aperture / views, side=self.side)
 
     def require_lens(self, wavelength: float, largest_sine: float) -> None:
-        """Refuse an aperture that no light fills, and pixels that do not resolve the speckle.
-
-        Raises
-        ------
-        RuleError
-            With the number that would pass.
-        """
+        """Refuse an aperture that no light fills, and pixels that do not resolve the speckle."""
         most = largest_sine / math.sqrt(2)
         if self.aperture >= most:
             reject(

@@ -140,13 +140,7 @@ class PlaneParallel(Bulk):
         return min(self.faces.largest_sine, min((*self.indices, self.faces.inside)) / self.faces.inside)
 
     def require_crossing(self, field: str, directions: np.ndarray) -> None:
-        """Refuse directions float64[..., 3], in the index ``faces.inside``, that no light takes on its way in or out.
-
-        Raises
-        ------
-        RuleError
-            With the largest sine that does.
-        """
+        """Refuse directions float64[..., 3] in the index ``faces.inside``, that no light takes on its way in or out."""
         if not self.refracts or not directions.size:
             return
         sine = float(np.hypot(directions[..., 0], directions[..., 1]).max())
@@ -178,13 +172,7 @@ class PlaneParallel(Bulk):
 
 
 def require_still_faces(medium: PlaneParallel, owner: str) -> None:
-    """Refuse a flow between faces that reflect or refract.
-
-    Raises
-    ------
-    RuleError
-        With the remedy.
-    """
+    """Refuse a flow between faces that reflect or refract."""
     if medium.flows and medium.refracts:
         reject(f"{owner}.motion", "at rest or random between faces that reflect", medium.motions,
                "Leave out the flow, or the steps of the index.")  # fmt: skip

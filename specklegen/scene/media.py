@@ -365,13 +365,7 @@ Medium = Annotated[
 
 
 def require_medium(field: str, medium: object, remedy: str) -> Medium:
-    """Return a medium of scatterers in a volume.
-
-    Raises
-    ------
-    RuleError
-        If it is something else, with what to do then.
-    """
+    """Return a medium of scatterers in a volume."""
     if not isinstance(medium, PlaneParallel | Box | VoxelGrid):
         reject(field, "a Slab, Layers, a Box or a VoxelGrid", medium, remedy)
     return medium  # type: ignore[return-value]

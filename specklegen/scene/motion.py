@@ -143,11 +143,6 @@ class Brownian(Motion):
         unit
             The scene's unit of length in metres, by default a micrometre. Time is in seconds.
 
-        Raises
-        ------
-        RuleError
-            For a number that is not above 0.
-
         Examples
         --------
         >>> import specklegen as sg
@@ -296,13 +291,7 @@ def law_of(motions: Sequence[Motion | None]) -> Motion | None:
 
 
 def flow_rows(motions: Sequence[Motion | None], dimension: int) -> np.ndarray:
-    """V_0 and A of each of a medium's motions in space, float64[n, 12]; float64[0, 12] where nothing flows.
-
-    Raises
-    ------
-    RuleError
-        For a flow of another dimension, and one that is no number.
-    """
+    """V_0 and A of each of a medium's motions in space, float64[n, 12]; float64[0, 12] where nothing flows."""
     rows = np.zeros((len(motions), FLOW_COLUMNS))
     axes = [0, 1, 2] if dimension == 3 else [0, 2]
     for row, motion in zip(rows, motions, strict=True):
@@ -321,13 +310,7 @@ def flow_rows(motions: Sequence[Motion | None], dimension: int) -> np.ndarray:
 
 
 def reduced_time(owner: str, motion: Motion, wavelength: float, lag: ArrayLike) -> np.ndarray:
-    """X = k^2 <Dr^2(tau)> / 6, float64[...], of lags float64[...], whose signs do not matter.
-
-    Raises
-    ------
-    RuleError
-        Where it is not finite, or below 0.
-    """
+    """X = k^2 <Dr^2(tau)> / 6, float64[...], of lags float64[...], whose signs do not matter."""
     lag = np.abs(np.asarray(lag, np.float64))
     with np.errstate(over="ignore"):
         x = np.square(2 * np.pi / wavelength) * np.asarray(motion.mean_square(lag), np.float64) / 6
@@ -341,11 +324,6 @@ def step_roots(owner: str, motion: Motion, wavelength: float, times: np.ndarray)
 
     n are independent standard normals, one a step. L L^T is the covariance of a Gaussian process with stationary steps,
     (x(t) + x(t') - x(t - t')) / 2 with all times since the first, and a film with one frame more keeps the rows before.
-
-    Raises
-    ------
-    RuleError
-        If no such process moves by this law.
     """
     since = np.asarray(times, np.float64) - times[:1]
     x = reduced_time(owner, motion, wavelength, since)

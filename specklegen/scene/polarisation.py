@@ -87,13 +87,7 @@ class Polarisers(Value):
 def require_polarised(
     owner: str, polarisation: Polarisation, scatterer: Scatterer, faces: Faces, motion: Motion | None = None
 ) -> None:
-    """Refuse particles without amplitudes S1 and S2 where these are asked for, walls whose echoes mix, and flows.
-
-    Raises
-    ------
-    RuleError
-        With the remedy.
-    """
+    """Refuse particles without amplitudes S1 and S2 where these are asked for, walls whose echoes mix, and flows."""
     if polarisation == "scalar":
         return
     if faces.wall not in (None, faces.inside):
@@ -108,13 +102,7 @@ def require_polarised(
 
 
 def require_scalar(field: str, medium: Any) -> None:
-    """Refuse a medium that polarises light, where nothing is known of it.
-
-    Raises
-    ------
-    RuleError
-        With what does know.
-    """
+    """Refuse a medium that polarises light, where nothing is known of it."""
     polarisation = getattr(medium, "polarisation", "scalar")
     if polarisation != "scalar":
         reject(field, 'of polarisation = "scalar" here', polarisation,

@@ -96,13 +96,7 @@ class Sensor(Registered):
 
     @cached_property
     def vectors(self) -> np.ndarray:
-        """float64[..., d], directions of travel, of length 1 to the last bit, or points.
-
-        Raises
-        ------
-        RuleError
-            If a user's own class says neither.
-        """
+        """float64[..., d], directions of travel, of length 1 to the last bit, or points."""
         name = "points" if self.near else "directions"
         given = getattr(self, name)
         if not is_own(type(self)):  # their fields have been checked
@@ -306,13 +300,7 @@ class FarFieldGrid(Sensor):
 
 
 def require_resolved(field: str, wavelength: float, width: float, pitch: float) -> None:
-    """Refuse a grid that undersamples the speckle's intensity: pitch <= wavelength / (2 width).
-
-    Raises
-    ------
-    RuleError
-        Naming the pitch, the speckle size and the remedy.
-    """
+    """Refuse a grid that undersamples the speckle's intensity: pitch <= wavelength / (2 width)."""
     grain = wavelength / width
     if pitch > 0.5 * grain * (1 + 1e-9):
         reject(

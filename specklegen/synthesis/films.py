@@ -29,13 +29,7 @@ _JITTER = 1e-10  # of every mode's power, new in each frame: far above rounding,
 
 
 def film_root(modes: Modes, rank: int, film: FilmBatch) -> torch.Tensor:
-    """Root float64[M, F rank, F rank], frame after frame, of the covariance of ``rank`` modes of M media.
-
-    Raises
-    ------
-    RuleError
-        If it would not fit into memory.
-    """
+    """Root float64[M, F rank, F rank], frame after frame, of the covariance of ``rank`` modes of M media."""
     frames = len(film.between)
     require_memory(
         "Dynamics.frames", "held", 8 * 4 * (frames * rank) ** 2, f"{frames} frames of {counted(rank, 'mode')}",

@@ -255,11 +255,6 @@ class Imaging:
         """Whether ``lit`` bright pixels one by one take fewer operations than all pairs of modes.
 
         What the cheaper form takes is said where it is long, and refused where nobody waits for it; see the budget's.
-
-        Raises
-        ------
-        RuleError
-            With the days.
         """
         by_points, by_pairs = image_operations(self.lags, self.rank, self.modes.shape[1], lit, draws)
         points = self.spectra_bytes * frames > _MOST_BYTES or by_pairs > by_points
@@ -305,11 +300,6 @@ class Imaging:
             Of the beams from the smallest sines y and x; their phases are 0 in the middle of the window.
         step
             Transverse wave number between neighbouring beams, radians per unit length.
-
-        Raises
-        ------
-        RuleError
-            If there is not one amplitude a beam.
         """
         if amplitudes.shape[1:] != self.shape:
             reject("superposed amplitudes", f"of shape {self.shape}, one a beam", tuple(amplitudes.shape[1:]))

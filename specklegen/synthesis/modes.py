@@ -361,13 +361,7 @@ def polynomial_bytes(lattice_shape: tuple[int, ...], degree: int) -> int:
 
 
 def require_room(lattice_shape: tuple[int, ...], degree: int) -> None:
-    """Refuse polynomials that would not fit into memory.
-
-    Raises
-    ------
-    RuleError
-        With the bytes they take.
-    """
+    """Refuse polynomials that would not fit into memory."""
     count, beams = polynomial_count(lattice_shape, degree), math.prod(lattice_shape)
     require_memory(
         "object_imaging", "held", polynomial_bytes(lattice_shape, degree), f"{count} modes of {beams} beams",

@@ -68,11 +68,6 @@ def field_correlation(
         Thickness over mean free path; share of collisions that scatter.
     mode
         Which face is looked at.
-
-    Raises
-    ------
-    RuleError
-        For a field out of its range.
     """
     if mode not in ("transmission", "reflection"):
         reject("field_correlation mode", '"transmission" or "reflection"', mode)
@@ -144,11 +139,6 @@ def exchange(kappa: float, optical_depth: float, source: complex, sensor: comple
         Exponents: the source is e^(-source z) for light that enters at z = 0 (real part above 0), and
         e^(-source (z - D)) for light that enters at z = D (below 0); the sensor is e^(-sensor (D - z)) at z = D
         (above 0, transmission) and e^(sensor z) at z = 0 (below 0, reflection).
-
-    Raises
-    ------
-    RuleError
-        For a field out of its range.
     """
     _require_depth("exchange", optical_depth)
     if not (np.isfinite(kappa) and kappa >= 0):

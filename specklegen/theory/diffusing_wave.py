@@ -33,11 +33,6 @@ def transmitted_field(x: ArrayLike, transport_depths: float, *, extrapolation: f
     extrapolation
         h, over l*, at least 0.
 
-    Raises
-    ------
-    RuleError
-        For a number outside its range.
-
     Examples
     --------
     >>> from specklegen.theory.diffusing_wave import transmitted_field
@@ -73,11 +68,6 @@ def reflected_field(x: ArrayLike, *, extrapolation: float = EXTRAPOLATION) -> np
     ----------
     x, extrapolation
         As in :func:`transmitted_field`.
-
-    Raises
-    ------
-    RuleError
-        For a number outside its range.
 
     Examples
     --------

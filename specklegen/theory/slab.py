@@ -29,11 +29,6 @@ def memory_effect_diffusion(q: ArrayLike, *, extrapolation: float = 0.0) -> np.n
         k L sin(tilt), any shape.
     extrapolation
         Extrapolation length over the thickness, ``EXTRAPOLATION / optical_depth`` for isotropic scatterers.
-
-    Raises
-    ------
-    RuleError
-        For a negative extrapolation length.
     """
     if not (np.isfinite(extrapolation) and extrapolation >= 0):
         reject("memory_effect_diffusion extrapolation", "at least 0", extrapolation)
@@ -76,11 +71,6 @@ def slab_transmission(optical_depth: float) -> float:
 
     The numerator is H(1) / sqrt(3) of Chandrasekhar's H function. Within 0.2 % from an optical depth of 5 on; the
     diffusion approximation's 1.7104 is 1.9 % too high (physics.md 4).
-
-    Raises
-    ------
-    RuleError
-        For an optical depth not above 0.
     """
     _require_depth("slab_transmission", optical_depth)
     return 1.6788 / (optical_depth + 2 * EXTRAPOLATION)
@@ -90,11 +80,6 @@ def double_to_single(optical_depth: float) -> float:
     """Scattered power of order two over that of order one, OD/2 (ln(1/OD) + 0.92), for a thin infinite slab.
 
     The leading term in small optical depth; long grazing steps give the logarithm (physics.md 4).
-
-    Raises
-    ------
-    RuleError
-        For an optical depth not above 0.
     """
     _require_depth("double_to_single", optical_depth)
     return 0.5 * optical_depth * (np.log(1 / optical_depth) + 0.92)

@@ -42,11 +42,6 @@ def exposure_average(y: ArrayLike) -> np.ndarray:
 
     1 at y = 0, about 2 / y far above 1, 0 at infinity; right to rounding everywhere.
 
-    Raises
-    ------
-    RuleError
-        For a negative or undefined y.
-
     Examples
     --------
     >>> from specklegen.theory.speckle_contrast import exposure_average
@@ -81,11 +76,6 @@ def exponential_contrast_squared(
     beta
         K^2 of the light at rest, above 0 and at most 1.
 
-    Raises
-    ------
-    RuleError
-        For a number outside its range.
-
     Examples
     --------
     >>> from specklegen.theory.speckle_contrast import exponential_contrast_squared
@@ -119,11 +109,6 @@ def correlation_time(
         T > 0.
     dynamic_share, beta
         As in :func:`exponential_contrast_squared`; a share above 0.
-
-    Raises
-    ------
-    RuleError
-        For a number outside its range.
 
     Examples
     --------
@@ -175,11 +160,6 @@ def diffusing_contrast_squared(exposure: ArrayLike, tau0: ArrayLike, *, gamma: f
         T >= 0, and tau0 = 1 / (D k^2) > 0, in one unit of time.
     gamma
         About 5/3 where all polarisations are seen.
-
-    Raises
-    ------
-    RuleError
-        For a number outside its range.
 
     Examples
     --------
@@ -239,11 +219,6 @@ def class_contrast_squared(transfer: ArrayLike, shares: ArrayLike, exposure: Arr
     exposure
         T / tau0 >= 0.
 
-    Raises
-    ------
-    RuleError
-        For numbers outside their ranges, or of different shapes.
-
     Examples
     --------
     >>> from specklegen.theory.speckle_contrast import class_contrast_squared
@@ -268,11 +243,6 @@ def class_field(transfer: ArrayLike, shares: ArrayLike) -> FieldCorrelation:
     transfer, shares
         As in :func:`class_contrast_squared`.
 
-    Raises
-    ------
-    RuleError
-        For numbers outside their ranges, or of different shapes.
-
     Examples
     --------
     >>> from specklegen.theory.speckle_contrast import class_field, sub_frames
@@ -294,11 +264,6 @@ def sub_frame_contrast_squared(field: FieldCorrelation, exposure: float, frames:
         As in :func:`contrast_squared`.
     frames
         n, 1 to 2**20.
-
-    Raises
-    ------
-    RuleError
-        For a number outside its range.
 
     Examples
     --------
@@ -383,11 +348,6 @@ def contrast_estimate(contrast_squared: ArrayLike, grains: ArrayLike) -> Contras
         K^2, above 0 and at most 1, any shape.
     grains
         N >= 2: independent ones; pixels of one grain count together.
-
-    Raises
-    ------
-    RuleError
-        For a number outside its range.
 
     Examples
     --------

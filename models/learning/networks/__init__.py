@@ -36,11 +36,6 @@ def build(
     """Make a network whose first weights are a function of the seed; the global generator is left as it was.
 
     On the ``device`` "meta" it has no memory. Whatever the program around has set, weights are in single precision.
-
-    Raises
-    ------
-    RuleError
-        If there is no network of that name.
     """
     if name not in NETWORKS:
         reject("network", f"one of {', '.join(NETWORKS)}", name)

@@ -40,11 +40,6 @@ class ResidualNet(
         (rows, columns) of the object.
     width
         A sixteenth of the units that pass from block to block.
-
-    Raises
-    ------
-    RuleError
-        If the lags of the object do not fit the input.
     """
 
     BLOCKS = 3

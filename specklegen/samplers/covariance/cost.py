@@ -44,13 +44,7 @@ def field_operations(pairs: float) -> dict[str, float]:
 
 
 def require_covariance_time(owner: str, scene: Scene, reverse: bool, paths: int, entries: float) -> None:
-    """Refuse a covariance that takes more than a month, by the pilot by which the planner predicts it.
-
-    Raises
-    ------
-    RuleError
-        With the days.
-    """
+    """Refuse a covariance that takes more than a month, by the pilot by which the planner predicts it."""
     if paths > 100 * PILOT_PATHS:  # for fewer the pilot would be no small part of it
         took = seconds(covariance_operations(scene, volume_pilot(scene, reverse), paths, entries), 1)
         require_time(f"{owner} paths", took, f"{paths} paths", "Ask for fewer paths, or for chosen pairs.")

@@ -93,11 +93,6 @@ class Tabulated(_WithAnisotropy):
             Angles of scattering, radians, float64[n], from 0 to pi, rising.
         power
             Phase function there, float64[n], at least 0, in any unit.
-
-        Raises
-        ------
-        RuleError
-            If a density is negative or not finite, or the angles break the rules of the class.
         """
         density = real_array("Tabulated.from_power power", power)
         if not (np.isfinite(density) & (density >= 0)).all():
