@@ -7,14 +7,12 @@ then draws one realization after the other.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from specklegen.core.arguments import flag, instance, whole_number
 from specklegen.core.budgets import Budget, Reverse, paths_within, require_time
 from specklegen.core.decision import Decision
 from specklegen.core.display.plot import Pictured, draw_stack
@@ -29,7 +27,7 @@ from specklegen.mean.field import mean_field
 from specklegen.memory_effects.kept import estimated_anew
 from specklegen.paths.gaussianity import Gaussianity
 from specklegen.planning.plan import Plan
-from specklegen.planning.planning import planned
+from specklegen.planning.planning import Options, planned
 from specklegen.samplers.sampler import AnySampler, image_of, require_finite
 from specklegen.scene.scene import Scene
 
@@ -270,52 +268,34 @@ def render(
     (3, 2, 16, 16)
     """
     budget = Budget("render", paths, rel_error, seconds, seed, threads, reverse)
-    return rendered(
-        scene, budget, realizations=realizations, sampler=sampler, mean=mean, field_tolerance=field_tolerance
-    )
+    return rendered(scene, budget, Options(sampler, mean, field_tolerance, realizations=realizations, owner="render"))
 
 
-def rendered(
-    scene: Scene,
-    budget: Budget,
-    *,
-    realizations: int | None = None,
-    sampler: AnySampler = "auto",
-    mean: bool = False,
-    field_tolerance: float = 1e-3,
-) -> SpeckleStack:
+def rendered(scene: Scene, budget: Budget, options: Options) -> SpeckleStack:
     """Render within a budget, for the verb that owns it; see :func:`render`."""
-    instance(f"{budget.owner} scene", scene, Scene)
-    if realizations is not None:
-        realizations = whole_number(f"{budget.owner} realizations", realizations, 1)
-    if flag("mean", mean) and not scene.illumination.coherent:
-        reject("mean", "False for an incoherent object, and for exposures", mean,
-               "What does not scatter is not modelled there.")  # fmt: skip
-    choose = partial(
-        planned, scene, sampler=sampler, mean=mean, field_tolerance=field_tolerance,
-        realizations=1 if budget.seconds is not None else realizations or 1,
-    )  # fmt: skip
-    budget = _without_seconds(choose, budget, realizations or 1)
-    plan = choose(budget)
-    each = math.prod(scene.illumination.images) * (8 if scene.illumination.coherent else 4)  # bytes of a view
-    held = (realizations or 1) * math.prod(scene.sensor.shape) * each
+    count, alone = options.media, options.realizations is None
+    if budget.seconds is not None:
+        options = replace(options, realizations=1)
+        budget = _within_seconds(scene, budget, options, count)
+    plan = planned(scene, budget, options)
+    light = scene.illumination
+    each = math.prod(light.images) * (8 if light.coherent else 4)  # bytes of a view
+    held = (2 if options.mean else 1) * count * math.prod(scene.sensor.shape) * each
     require_memory(
-        f"{budget.owner} realizations", "held", (2 if mean else 1) * held, f"{realizations or 1} media",
+        f"{budget.owner} realizations", "held", held, f"{count} media",
         "Render fewer at a time, each range under a seed of its own.", share=0.9,
     )  # fmt: skip
     require_time(
-        f"{budget.owner} paths", plan.seconds_of(realizations or 1), f"{plan.paths} paths, {realizations or 1} media",
+        f"{budget.owner} paths", plan.seconds_of(count), f"{plan.paths} paths, {count} media",
         "Ask for fewer paths, or for a larger rel_error.",
     )  # fmt: skip
-    remedy = "" if sampler == "auto" else ' Leave the choice to sampler="auto".'
+    remedy = "" if options.asked is None else ' Leave the choice to sampler="auto".'
     for doubt in plan.doubts:
         warn_user(f"{doubt}.{remedy}")
-    images, connections, unfinished = _drawn(plan, budget.seed, realizations or 1, budget.threads)
-    if mean:
+    images, connections, unfinished = _drawn(plan, budget.seed, count, budget.threads)
+    if options.mean:
         images = images + mean_field(scene).astype(np.complex64)
     require_finite(images)
-    if realizations is None:
-        images = images[0]
     report = Report(
         sampler=plan.sampler,
         summation=plan.summation,
@@ -325,12 +305,11 @@ def rendered(
         expected_error=plan.expected_error,
         image_error=plan.image_error,
         gaussianity=plan.gaussianity,
-        mean_added=mean,
+        mean_added=options.mean,
         decisions=plan.decisions,
     )
-    if not scene.illumination.coherent:
-        return SpeckleStack(None, images, report, scene)
-    return SpeckleStack(images, None, report, scene)
+    images = images[0] if alone else images
+    return SpeckleStack(images, None, report, scene) if light.coherent else SpeckleStack(None, images, report, scene)
 
 
 def _drawn(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tuple[np.ndarray, int, int]:
@@ -344,7 +323,7 @@ def _drawn(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
             if focus is not None:
                 image = np.tensordot(focus.astype(image.dtype), image, axes=1)
             if made.lens is not None:
-                image = image_of(made.scene, made.lens.image(image, from_face=made.chosen.from_face))
+                image = image_of(made.scene, made.lens.image(image, from_face=made.chosen.abilities.lens == "face"))
             if realizations == 1:
                 images = image[None]
             else:
@@ -355,16 +334,15 @@ def _drawn(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
     return images, connections, unfinished
 
 
-def _without_seconds(choose: Callable[[Budget], Plan], budget: Budget, realizations: int) -> Budget:
-    """The budget with the paths that its time allows, or those of its error if they are fewer.
+def _within_seconds(scene: Scene, budget: Budget, options: Options, realizations: int) -> Budget:
+    """Return the budget with the paths that its time allows, or those of its error if they are fewer.
 
     Pilots run under a seed of their own.
     """
-    if budget.seconds is None:
-        return budget
+    assert budget.seconds is not None
 
     def pilot(count: int) -> float:
-        plan = choose(replace(budget, paths=count, rel_error=None, seconds=None))
+        plan = planned(scene, replace(budget, paths=count, rel_error=None, seconds=None), options)
         seed = pilot_seed(plan.scene.unitless_fingerprint())
         with estimated_anew(seed):
             _drawn(plan, seed, 1, budget.threads)
@@ -372,7 +350,7 @@ def _without_seconds(choose: Callable[[Budget], Plan], budget: Budget, realizati
 
     wanted = None
     if budget.rel_error is not None:
-        wanted = choose(replace(budget, seconds=None)).paths
+        wanted = planned(scene, replace(budget, seconds=None), options).paths
         if not wanted:  # nothing is left to be traced
             return replace(budget, seconds=None)
     paths = paths_within(budget.seconds / realizations, pilot)

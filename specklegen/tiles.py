@@ -22,7 +22,7 @@ from specklegen.core.random_streams import Seed
 from specklegen.core.shielded import shielded, shielded_steps
 from specklegen.core.whole_files import making
 from specklegen.mean.field import mean_field
-from specklegen.planning.planning import planned, streaming_obstacle
+from specklegen.planning.planning import Options, planned, streaming_obstacle
 from specklegen.samplers.sampler import AnySampler, Where, require_finite
 from specklegen.scene.scene import Scene
 
@@ -95,7 +95,7 @@ def render_tiles(
         reject("render_tiles scene", served, obstacle or sampler, "Use render.")
     number = 0 if realization is None else whole_number("render_tiles realization", realization, 0, 2**63 - 1)
     budget = Budget("render_tiles", paths, rel_error, seed=seed, threads=threads, reverse=reverse)
-    plan = planned(scene, budget, sampler=sampler, mean=mean, field_tolerance=field_tolerance, streamed=True)
+    plan = planned(scene, budget, Options(sampler, mean, field_tolerance, streamed=True, owner="render_tiles"))
     require_time("render_tiles paths", plan.seconds, f"{plan.paths} paths", "Ask for fewer, or a larger rel_error.")
     remedy = "" if sampler == "auto" else ' Leave the choice to sampler="auto".'
     for doubt in plan.doubts:

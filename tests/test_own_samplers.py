@@ -22,7 +22,7 @@ from specklegen.datasets.recipes.parts.sampler import NUMBERS, OWN
 from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.verify import verify
 from specklegen.planning.planning import PACKAGED
-from specklegen.samplers.sampler import SAMPLERS, Sampler
+from specklegen.samplers.sampler import SAMPLERS, Abilities, MediaSampler, Sampler
 
 PAGE = (ROOT / "docs" / "extending.md").read_text()
 (WRITTEN,) = re.findall(r"```python\n(# one_distance\.py\n.*?)```", PAGE, re.DOTALL)
@@ -165,6 +165,39 @@ def test_one_without_media_renders_no_recipe():
         SAMPLERS._members.pop("Scenes")
 
 
+def test_one_says_what_it_cannot_draw():
+    class Volumes(Sampler):
+        """Knows nothing of thin screens, nor of scenes without a grid."""
+
+        abilities = Abilities(media="volumes")
+
+        @classmethod
+        def obstacles(cls, scene):
+            return super().obstacles(scene) or ["needs a grid"] * (scene.sensor.regular_grid is None)
+
+        @classmethod
+        def propose(cls, scene, request):
+            raise NotImplementedError
+
+        def prepare(self, seed, threads):
+            raise NotImplementedError
+
+    thin = SCENE.replace(medium=sg.PhaseScreen(rms_phase=1.0, correlation_length=10.0))
+    fan = SCENE.replace(sensor=sg.FarField(SCENE.sensor.directions.reshape(-1, 3)))
+    try:
+        for scene, obstacle in ((thin, "draws volumes of scatterers alone"), (fan, "needs a grid")):
+            with pytest.raises(RuleError, match=f"sampler must be .* The Volumes sampler {obstacle}"):
+                sg.plan(scene, sampler=Volumes)
+    finally:
+        SAMPLERS._members.pop("Volumes")
+
+
+@pytest.mark.parametrize(("name", "value"), [("films", True), ("operations", lambda self: {})])
+def test_one_written_for_an_earlier_version_is_refused_by_name(name, value):
+    with pytest.raises(RuleError, match=rf"Former\.{name} must be given by (abilities|cost\(\)); got .*extending"):
+        type("Former", (Sampler,), {name: value})
+
+
 def test_samples_know_every_packaged_sampler_that_renders_recipes():
-    assert sorted(NUMBERS) == sorted(kind.name for kind in PACKAGED if kind.renders_recipes())
+    assert sorted(NUMBERS) == sorted(kind.name for kind in PACKAGED if issubclass(kind, MediaSampler))
     assert OWN not in NUMBERS.values()

@@ -19,7 +19,7 @@ from zscore import FALSE_ALARM, assert_mean, assert_z, limit
 import specklegen as sg
 from specklegen.core.errors import RuleError
 from specklegen.core.statistics import jackknife
-from specklegen.paths import pilot
+from specklegen.paths import pilot, proposal
 from specklegen.paths.chunks import Chunks
 from specklegen.paths.layout import scene_layout
 from specklegen.paths.reversal import reversal_decision
@@ -387,10 +387,8 @@ def test_a_window_that_diffraction_widens_is_warned_of(verb):
 
 
 def test_paths_ended_early_are_reported(monkeypatch):
-    import specklegen.paths.slab_tracer as tracing
-
     pilot.pilot_by_walk.cache_clear()
-    monkeypatch.setattr(tracing, "default_max_order", lambda medium: 3)
+    monkeypatch.setattr(proposal, "default_max_order", lambda medium: 3)
     report = sg.render(sparse_scene(slab(8.0)), paths=500, sampler="paths").report
     pilot.pilot_by_walk.cache_clear()
     assert 50 < report.unfinished <= 500

@@ -177,7 +177,7 @@ class SpeckleGenerator:
     def _prepared(self, media: DrawnMedia, rendering: Rendering) -> list[tuple[list[int], Any]]:
         """Media made ready by the sampler that was planned for them; all that are alike share what is made."""
         recipe = self.recipe
-        if rendering.chosen.medium_by_medium:  # planned for the scene of each
+        if rendering.chosen.abilities.medium_by_medium:  # planned for the scene of each
             groups: list[tuple[list[int], Any]] = []
             for n in range(len(media)):
                 ((_, request),) = recipe.requests(media.at([n]))
@@ -283,13 +283,14 @@ class SpeckleGenerator:
             seen = drawn.images(lit.light) if lit.step is None else drawn.superposed(lit.light, lit.step)
             return self.recipe.exposed(seen).to(torch.float32)
         own = {} if self.one_by_one or self.recipe.media_alike else some.tensors()  # what stays is not copied
-        if self._keeps(media[0], imaging):  # on the CPU a chunk is one sample
+        shared = self.recipe.shares_media
+        if shared and self._keeps(media[0], imaging):  # on the CPU a chunk is one sample
             held = [self._spectra_of(m, imaging, made, place) for m, place in zip(media, places, strict=True)]
             inputs = {"spectra": torch.cat(held) if len(held) > 1 else held[0], "light": lit.light} | own
             seen = self.run(("kept", *some.statics), partial(_seen_through, some, self.one_by_one), inputs)
             return self.recipe.exposed(seen)
         streams = made.streams.at(places)
-        if self._keeps_fields(media[0], imaging, streams):
+        if shared and self._keeps_fields(media[0], imaging, streams):
             fields = self._of_medium(self._fields, media[0], lambda: some.media(streams).drawn)
             return self.recipe.exposed(ImagedMedia(some, fields).images(lit.light))
         inputs = {"keys": streams.keys, "still": streams.still, "light": lit.light} | own
@@ -300,18 +301,16 @@ class SpeckleGenerator:
         ))  # fmt: skip
 
     def _keeps(self, medium: int, imaging: Imaging) -> bool:
-        """Whether spectra are kept: of the recipe and the medium alone, since the last bits of samples depend on it."""
+        """Whether spectra of shared media are kept: by recipe and medium alone; last bits of samples depend on it."""
         each = imaging.spectra_bytes * self.recipe.frames
         if self.device.type == "cpu":
-            few = imaging.spectra_bytes <= _SLOW_BYTES and _few(each, medium)
-        else:
-            few = each <= _MOST_BYTES // max(KEPT, self.recipe.media or KEPT)
-        return self.recipe.shares_media and few
+            return imaging.spectra_bytes <= _SLOW_BYTES and _few(each, medium)
+        return each <= _MOST_BYTES // max(KEPT, self.recipe.media or KEPT)
 
     def _keeps_fields(self, medium: int, imaging: Imaging, streams: Streams) -> bool:
-        """Whether fields are kept, where spectra are not: on the CPU."""
+        """Whether fields of shared media are kept, where spectra are not: on the CPU."""
         each = imaging.field_bytes * streams.keys[0].numel() // 2
-        return self.recipe.shares_media and self.device.type == "cpu" and _few(each, medium)
+        return self.device.type == "cpu" and _few(each, medium)
 
     def _spectra_of(self, medium: int, imaging: Imaging, made: ReadyMedia, place: int) -> torch.Tensor:
         """Spectra of one medium, complex64[1, F, pairs, n, m], kept for all objects behind it."""

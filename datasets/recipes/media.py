@@ -205,12 +205,12 @@ class RecipeMedia(Specification):
         """
         paths = self.material.kernel_paths
         probe_plan = plan(view.probe, paths=paths, sampler=self.sampler, envelope=False)
-        if self.moving and not probe_plan.chosen.films and probe_plan.sampler != "paths":
+        if self.moving and not probe_plan.chosen.abilities.films and probe_plan.sampler != "paths":
             reject("Recipe.sampler", "one that knows frames of media that move", probe_plan.sampler,
                    'Ask for sampler = "stationary".')  # fmt: skip
         physical = (decision for decision in probe_plan.decisions if decision.part not in IDEALISED)
         probe_plan = replace(probe_plan, decisions=(*physical, *self.idealisations(view.probe)))
-        if not probe_plan.chosen.medium_by_medium:
+        if not probe_plan.chosen.abilities.medium_by_medium:
             return probe_plan
         obstacle = self.path_sum_obstacle
         if obstacle and probe_plan.sampler == "paths":
@@ -315,7 +315,7 @@ class RecipeMedia(Specification):
         work = [] if _materials.in_atlas(self.material) else ["the memory effect of every material"]
         if self.rendering is None:
             work.append("sums over paths, where they are chosen")
-        elif self.rendering.chosen.medium_by_medium:
+        elif self.rendering.chosen.abilities.medium_by_medium:
             sampler = self.rendering.name
             work.append("sums over paths" if sampler == "paths" else f"media of the {sampler} sampler, one by one")
         own = self.exposure is not None and is_own(type(self.exposure))
@@ -421,8 +421,8 @@ class RecipeMedia(Specification):
 
 
 def _planned_by(made: Plan, chosen: Sampler, decisions: tuple[Decision, ...]) -> Plan:
-    counted, threads = chosen.operations(), thread_count(None)
+    cost, threads = chosen.cost(), thread_count(None)
     return replace(
-        made, chosen=chosen, decisions=decisions, operations=dict(counted), seconds=seconds(counted, threads),
-        setup_seconds=seconds(chosen.setup(), threads), memory_bytes=chosen.memory(threads),
+        made, chosen=chosen, decisions=decisions, operations=dict(cost.first), seconds=seconds(cost.first, threads),
+        setup_seconds=seconds(cost.once, threads), memory_bytes=chosen.memory(threads),
     )  # fmt: skip

@@ -40,6 +40,7 @@ from specklegen.core.shielded import shielded
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.tracer import slab_tracer
+from specklegen.planning.planning import Options
 from specklegen.rendering import SpeckleStack, rendered
 from specklegen.samplers.sampler import AnySampler
 from specklegen.scene.illumination import (
@@ -299,7 +300,8 @@ def render_partially_coherent(
     on_axis = len(beams.directions) == 1 and not beams.directions[0, :2].any()
     lit = scene.replace(illumination=source if on_axis else _spread(beams, source))
     budget = Budget("render_partially_coherent", paths, rel_error, seconds, seed, threads, reverse)
-    stack = rendered(lit, budget, realizations=realizations, sampler=sampler, field_tolerance=field_tolerance)
+    options = Options(sampler, field_tolerance=field_tolerance, realizations=realizations, owner=budget.owner)
+    stack = rendered(lit, budget, options)
     tilt_axis = 0 if realizations is None else 1
     if on_axis:
         return SpeckleStack(None, np.expand_dims(stack.intensity, tilt_axis), stack.report, scene)

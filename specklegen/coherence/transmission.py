@@ -20,6 +20,7 @@ from specklegen.core.budgets import Budget, Reverse
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
 from specklegen.core.shielded import shielded
+from specklegen.planning.planning import Options
 from specklegen.rendering import rendered
 from specklegen.samplers.sampler import AnySampler
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, directions_of_sines
@@ -99,7 +100,7 @@ def transmission_matrix(
     if modes is not None and (modes.ndim != 2 or modes.shape[0] != count):
         reject("transmission_matrix modes", f"of shape ({count}, K), one row a beam", modes.shape)
     budget = Budget("transmission_matrix", paths, rel_error, seconds, seed, threads, reverse)
-    stack = rendered(scene.replace(illumination=beams), budget, sampler=sampler, mean=mean)
+    stack = rendered(scene.replace(illumination=beams), budget, Options(sampler, mean, owner=budget.owner))
     value = stack.field.reshape(count, -1).T.astype(np.complex128)
     if modes is not None:
         value = value @ modes

@@ -3,7 +3,7 @@
 import contextlib
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -41,7 +41,7 @@ def available_memory() -> int:
 
     Other programs change it while one looks: refusals alone may depend on it, never a result.
     """
-    return max(0, min([memory_limit(), *_free(), *_under_ulimit()]))
+    return max(0, min([memory_limit(), *_bounds_now()]))
 
 
 def _cgroup_limits(root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/proc/self/cgroup")) -> list[int]:
@@ -72,25 +72,20 @@ def _slurm_limits() -> list[int]:
     return [int(one) * 2**20 for one in asked if one.isdecimal() and int(one) > 0]
 
 
-def _free() -> list[int]:
-    """What the system could give without swapping."""
+def _bounds_now() -> list[int]:
+    """Bytes that the system could give without swapping, and that ``ulimit -v`` leaves to this process."""
+    bounds = []
     with contextlib.suppress(OSError, KeyError):
-        return [_lines(Path("/proc/meminfo"))["MemAvailable"]]
-    return []
-
-
-def _under_ulimit() -> list[int]:
-    """Addresses that ``ulimit -v`` leaves to this process."""
-    try:
+        bounds.append(_lines(Path("/proc/meminfo"))["MemAvailable"])
+    with contextlib.suppress(ImportError):  # Windows has no such limits
         import resource
-    except ImportError:  # Windows
-        return []
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit == resource.RLIM_INFINITY:
-        return []
-    with contextlib.suppress(OSError, KeyError):
-        return [limit - _lines(_STATUS)["VmSize"]]
-    return [limit]
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if limit != resource.RLIM_INFINITY:
+            bounds.append(limit)
+            with contextlib.suppress(OSError, KeyError):
+                bounds.append(limit - _lines(_STATUS)["VmSize"])
+    return bounds
 
 
 def _lines(file: Path) -> dict[str, int]:
@@ -125,7 +120,9 @@ def array_bytes(held: object) -> int:
     return sum(sizes.values())
 
 
-def require_memory(owner: str, rule: str, needed: float, what: str, remedy: str, *, share: float = 0.5) -> None:
+def require_memory(
+    owner: str, rule: str, needed: float, what: str, remedy: str | Callable[[], str], *, share: float = 0.5
+) -> None:
     """Refuse what would not fit into a share of the memory there is, before any of it is allocated.
 
     Parameters
@@ -137,7 +134,7 @@ def require_memory(owner: str, rule: str, needed: float, what: str, remedy: str,
     what
         What needs them, for the message.
     remedy
-        What to do instead.
+        What to do instead, or what says it, asked where it is needed.
     share
         Of :func:`available_memory` that may be taken.
     """
@@ -145,7 +142,8 @@ def require_memory(owner: str, rule: str, needed: float, what: str, remedy: str,
         return
     allowed = share * available_memory()
     if not needed <= allowed:
-        reject(owner, f"{rule} within {_gibibytes(allowed)}", f"{_gibibytes(needed)} for {what}", remedy)
+        instead = remedy if isinstance(remedy, str) else remedy()
+        reject(owner, f"{rule} within {_gibibytes(allowed)}", f"{_gibibytes(needed)} for {what}", instead)
 
 
 def _gibibytes(count: float) -> str:

@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 NANOSECONDS = {
     "path": 110,  # starting a path through a slab
@@ -42,3 +43,32 @@ def seconds(operations: Mapping[str, float], threads: int) -> float:
     return 1e-9 * sum(
         count * NANOSECONDS[name] / (1 if name in SERIAL else threads) for name, count in operations.items()
     )
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Counted operations of a sampler, by the names of :data:`NANOSECONDS`.
+
+    Attributes
+    ----------
+    first : mapping
+        Of the first realization.
+    once : mapping
+        Those among them that are done once, however many realizations follow.
+    alternatives : mapping of mapping
+        Operations that other ways to the same would take, by what they are.
+    """
+
+    first: Mapping[str, float] = field(default_factory=dict)
+    once: Mapping[str, float] = field(default_factory=dict)
+    alternatives: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def of(self, realizations: int) -> dict[str, float]:
+        """Return the operations of so many realizations."""
+        once = {name: self.once.get(name, 0.0) for name in self.first}
+        return {name: once[name] + realizations * (count - once[name]) for name, count in self.first.items()}
+
+    def seconds(self, realizations: int, threads: int = 1) -> float:
+        """Predict the seconds of so many realizations, those of what is done once included."""
+        first, once = seconds(self.first, threads), seconds(self.once, threads)
+        return once + realizations * max(first - once, 0.0)

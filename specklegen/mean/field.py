@@ -135,7 +135,7 @@ def _depths(scene: Scene) -> np.ndarray:
     directions = scene.beams.directions
     if scene.thin is not None:
         return np.square(scene.thin.phases(scene.wavelength, np.hypot(*directions[:, :2].T))).sum(axis=0)
-    if _refracts_inside(scene):
+    if scene.refracts_inside:
         return straight_light(scene.slab, np.hypot(*directions[:, :2].T)).depth
     return scene.optical_depth / directions[:, -1]
 
@@ -162,18 +162,14 @@ def straight_through(slab: Slab) -> float:
 
 def _crossing(scene: Scene, cosines: np.ndarray) -> np.ndarray:
     """1 - R float64[n] of a slab's faces at cosines inside; 1 without faces. Of layers the root of all of theirs."""
-    if _refracts_inside(scene):
+    if scene.refracts_inside:
         return np.sqrt(straight_light(scene.slab, np.sqrt(np.maximum(1 - np.square(cosines), 0.0))).let_through)
     return 1 - reflectance(scene.medium.faces, cosines)
 
 
 def _walked_off(scene: Scene, direction: np.ndarray) -> np.ndarray:
     """Where on the exit face the middle of a beam arrives, float64[3] or float64[2]."""
-    if _refracts_inside(scene):
+    if scene.refracts_inside:
         slope = straight_light(scene.slab, np.hypot(*direction[:2])[None]).slope[0]
         return np.append(direction[:2] * slope, scene.thickness)
     return direction / direction[-1] * scene.thickness
-
-
-def _refracts_inside(scene: Scene) -> bool:
-    return scene.thin is None and not scene.medium.has_sides and refracting_layers(scene.slab)

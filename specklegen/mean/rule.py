@@ -10,7 +10,6 @@ from specklegen.core.kept_results import kept_result
 from specklegen.core.values import remembered
 from specklegen.mean.field import mean_field
 from specklegen.paths.pilot import scene_pilot
-from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarField, Sensor
@@ -35,12 +34,11 @@ def mean_decision(scene: Scene, mean: bool, tolerance: float, reverse: bool = Fa
     if not len(scene.lights) or not np.prod(scene.sensor.shape):
         return Decision(_MEAN, False, "there is no light, or no view")
     if scene.thin is not None:
-        return _mean_left_out(_strongest_mean(scene) / max(scattered_intensity(scene), 1e-300), tolerance)
-    if lock_step_obstacle(scene):
+        return _mean_left_out(strongest_mean(scene) / max(scattered_intensity(scene), 1e-300), tolerance)
+    if scene.lock_step_obstacle:
         return _volume_mean_decision(scene, tolerance, reverse)
     pilot = scene_pilot(scene.at_rest, False)
-    strongest = kept_result(float, ("strongest mean", scene), lambda: _strongest_mean(scene))
-    ratio = strongest / max(pilot.intensity, 1e-300)
+    ratio = strongest_mean(scene) / max(pilot.intensity, 1e-300)
     decision = _mean_left_out(ratio, tolerance)
     if ratio > tolerance and not scene.illumination.coherent:
         return replace(decision, reason=_NO_BALLISTIC_IMAGE.format(_WHOSE[scene.illumination.type], ratio))
@@ -48,8 +46,13 @@ def mean_decision(scene: Scene, mean: bool, tolerance: float, reverse: bool = Fa
 
 
 @remembered(64)
+def strongest_mean(scene: Scene) -> float:
+    """Return the largest intensity of the nearest tilt's mean field over the views."""
+    return kept_result(float, ("strongest mean", scene), lambda: _strongest_mean(scene))
+
+
 def _strongest_mean(scene: Scene) -> float:
-    """Largest intensity of the nearest tilt's mean field over the views.
+    """Find what :func:`strongest_mean` returns.
 
     Over a grid it is found without looking at every view. A window's diffraction pattern is the product of its
     sections (square, Gaussian), so that the best column and the best row of the cross through the nearest view have

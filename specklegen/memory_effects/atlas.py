@@ -24,9 +24,10 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.core.random_streams import pilot_seed
+from specklegen.core.values import remembered
 from specklegen.memory_effects import cache
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
-from specklegen.scene.media import Slab
+from specklegen.scene.media import PlaneMedium, Slab, as_slab
 from specklegen.scene.scatterers import Scatterer, VonMisesFisher
 
 TOLERANCE = 0.01
@@ -201,28 +202,32 @@ def _drop(scatterer: Scatterer) -> float:
     return 1 - scatterer.mean_cosine()
 
 
-def _placed(slab: Slab) -> tuple[Atlas, tuple[float, float, float]] | None:
-    """The table that holds a slab, and its place there; None where there is none."""
+def _placed(medium: PlaneMedium) -> tuple[Slab, Atlas, tuple[float, float, float]] | None:
+    """The slab that a medium is, the table that holds it, and its place there; None where there is none."""
+    slab = as_slab(medium)
+    if slab is None:
+        return None
     for table in TABLES.get(slab.scatterer.type, ()):
         place = load(table).place(slab)
         if place is not None:
-            return load(table), place
+            return slab, load(table), place
     return None
 
 
-def atlas_errors(slab: Slab) -> Errors | None:
-    """Errors of the atlas at a slab; None where it is outside the tables."""
-    placed = _placed(slab)
-    return None if placed is None else placed[0].errors(placed[1])
+@remembered(64)
+def atlas_errors(medium: PlaneMedium) -> Errors | None:
+    """Errors of the atlas at a slab; None where it is outside the tables, and of layers that are no slab."""
+    placed = _placed(medium)
+    return None if placed is None else placed[1].errors(placed[2])
 
 
-def atlas_correlation(slab: Slab, tolerance: float = TOLERANCE) -> MemoryEffectCorrelation | None:
+def atlas_correlation(medium: PlaneMedium, tolerance: float = TOLERANCE) -> MemoryEffectCorrelation | None:
     """K of a slab from the atlas, on the axis in transmission.
 
     Parameters
     ----------
-    slab
-        The slab, with any thickness.
+    medium
+        The slab, with any thickness; or layers, of which it knows those that are alike.
     tolerance
         Largest error of C_I = |K|^2 wanted at any q.
 
@@ -232,10 +237,10 @@ def atlas_correlation(slab: Slab, tolerance: float = TOLERANCE) -> MemoryEffectC
         With one row of weights: radii of r, and the intensity per unit area among them. None outside the
         tables, and where the table's stated error is above the tolerance.
     """
-    placed = _placed(slab)
+    placed = _placed(medium)
     if placed is None:
         return None
-    atlas, place = placed
+    slab, atlas, place = placed
     return atlas.of(slab, place) if atlas.errors(place).correlation <= tolerance else None
 
 

@@ -16,7 +16,7 @@ from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import End, endpoint_factors
 from specklegen.paths.endpoints import Endpoints
 from specklegen.paths.layout import Layout, scene_layout
-from specklegen.paths.steps import refracting_layers, without_steps
+from specklegen.paths.steps import without_steps
 from specklegen.paths.stretching import crossing_variance, decay, flat_decay
 from specklegen.paths.volumes import materials
 from specklegen.scene.media import Medium, Slab
@@ -116,7 +116,7 @@ def crossing_variances(scene: Scene) -> tuple[float, ...]:
     """
     if not len(scene.lights) or not np.prod(scene.sensor.shape) or not np.any(scene.medium.albedo):
         return ()
-    if not scene.medium.has_sides and refracting_layers(scene.slab):
+    if scene.refracts_inside:
         scene = scene.replace(medium=without_steps(scene.slab))  # faces that reflect only add to what is to be crossed
     layout = scene_layout(scene).probed()
     layout = replace(layout, lights=layout.lights.probed(), views=layout.views.probed())

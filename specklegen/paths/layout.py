@@ -106,7 +106,7 @@ def _analysed(scene: Scene) -> Analysed | None:
 
 
 def _ways(scene: Scene) -> Ways | None:
-    if scene.medium.has_sides or scene.dimension == 2 or not refracting_layers(scene.slab):
+    if not scene.refracts_inside:
         return None
     return Ways.of(scene.slab, scene.lights, scene.sensor.corners)
 

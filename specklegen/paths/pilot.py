@@ -20,7 +20,7 @@ from specklegen.paths.endpoint_factors import contributions_of_pairs, multiple_a
 from specklegen.paths.gaussianity import PathMoments, relative_variance
 from specklegen.paths.rare_paths import ENOUGH, rare_paths_decision
 from specklegen.paths.slab_tracer import SlabTracer
-from specklegen.paths.tracer import Tracer, lock_step_obstacle, slab_tracer, volume_tracer
+from specklegen.paths.tracer import Tracer, slab_tracer, volume_tracer
 from specklegen.scene.scene import Scene
 
 FEW_PATHS, PILOT_PATHS = 2048, 6144
@@ -149,7 +149,7 @@ class Pilot(PilotNumbers):
 
 def scene_pilot(scene: Scene, reverse: bool) -> Pilot:
     """Pilot of a scene, with or without reversed paths, by the tracer that serves it."""
-    return pilot_by_walk(scene, reverse, lock_step_obstacle(scene) is not None)
+    return pilot_by_walk(scene, reverse, scene.lock_step_obstacle is not None)
 
 
 def volume_pilot(scene: Scene, reverse: bool) -> Pilot:

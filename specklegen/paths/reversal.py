@@ -4,6 +4,7 @@ import numpy as np
 
 from specklegen.core.budgets import Reverse
 from specklegen.core.decision import Decision
+from specklegen.core.values import remembered
 from specklegen.paths.backscattering_wing import excess_bound
 from specklegen.paths.volumes import materials
 from specklegen.scene.media import Medium
@@ -11,6 +12,7 @@ from specklegen.scene.scatterers import Dimensions
 from specklegen.scene.scene import Scene
 
 
+@remembered(64)
 def scene_reversal(scene: Scene, reverse: Reverse, tolerance: float) -> Decision:
     """Whether reversed paths take part in a scene.
 

@@ -29,7 +29,6 @@ from specklegen.paths.starts import close_points, scene_sources
 from specklegen.paths.volume_tracer import VolumeTracer
 from specklegen.paths.volumes import materials
 from specklegen.scene.illumination import directions_of_sines
-from specklegen.scene.layers import PlaneParallel
 from specklegen.scene.media import PlaneMedium
 from specklegen.scene.polarisation import Polarisers
 from specklegen.scene.scene import Scene
@@ -68,22 +67,9 @@ class Tracer(Protocol):
         ...
 
 
-def lock_step_obstacle(scene: Scene) -> str | None:
-    """Why the slab's paths do not serve a scene; None where they do."""
-    if not isinstance(scene.medium, PlaneParallel):
-        return f"the medium is a {type(scene.medium).__name__}"
-    if scene.dimension == 2:
-        return "the scene is in flatland"
-    if not scene.illumination.limited:
-        return f"the light is {type(scene.illumination).__name__}"
-    if scene.sensor.near:
-        return "the sensor is in the near field"
-    return None
-
-
 def scene_tracer(scene: Scene, reverse: bool) -> Tracer:
     """Tracer of a scene with or without reversed paths, its roulette set by a pilot."""
-    return volume_tracer(scene, reverse) if lock_step_obstacle(scene) else slab_tracer(scene, reverse)
+    return volume_tracer(scene, reverse) if scene.lock_step_obstacle else slab_tracer(scene, reverse)
 
 
 @remembered(64)

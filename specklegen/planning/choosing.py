@@ -8,20 +8,16 @@ longer pilot, where a first one leaves open whether the stationary sampler serve
 may save take longer.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
-from specklegen.core.budgets import DEFAULT_PATHS
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.core.nanoseconds import seconds
+from specklegen.core.nanoseconds import Cost
 from specklegen.paths.pilot import Pilot, scene_pilot
-from specklegen.paths.steps import refracting_layers
-from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.samplers.covariance.sampler import Eigenfields, unasked_obstacle
 from specklegen.samplers.covariance.sampler import least_operations as least_of_covariance
+from specklegen.samplers.path_sums.cost import least_operations as least_of_sums
 from specklegen.samplers.path_sums.sampler import PathSums
-from specklegen.samplers.path_sums.sampler import least_operations as least_of_sums
 from specklegen.samplers.sampler import Request, Sampler
 from specklegen.samplers.stationary.convolution import Convolution
 from specklegen.samplers.stationary.sampler import Stationary
@@ -32,33 +28,35 @@ _CLEARLY = 0.8
 """Share of another's seconds below which a covariance is drawn from, whose error all realizations have in common."""
 _JUDGED = 8e-6  # seconds that a connection of a stationary pilot takes
 
-Others = dict[str, Mapping[str, float]]
+Others = dict[str, dict[str, float]]
 """Operations of all realizations by the ways that are not taken, by what they are."""
 
 
 def cheapest(scene: Scene, request: Request) -> tuple[Sampler, list[Decision], Others]:
     """The sampler of a volume, what is said of all that were asked, and the operations of others."""
-    refracts = lock_step_obstacle(scene) is None and refracting_layers(scene.slab)  # whose paths are not summed
-    if refracts or not request.envelope:  # a recipe's probe stands for many samples, which the stationary sampler draws
+    # Through layers that refract no paths are summed; a recipe's probe stands for many samples, which the stationary
+    # sampler draws.
+    if scene.refracts_inside or not request.envelope:
         first = () if request.envelope else (Convolution,)
         return *served(scene, request, (*first, Stationary, PathSums)), {}
     pilot = scene_pilot(scene, request.reverse)
-    least = times(least_of_sums(scene, pilot, _paths(pilot, request)), request.realizations)
+    count, paths = request.realizations, request.paths_by(pilot.moments, within_image=True)
+    least = Cost(least_of_sums(scene, pilot, paths))
     longer = MOST_PATHS * pilot.connections_per_path * _JUDGED
-    request = replace(request, thorough=seconds(least, 1) > longer)
+    request = replace(request, thorough=least.seconds(count) > longer)
     stationary, decisions = Stationary.propose(scene, request)
-    if stationary is not None and _seconds(stationary, request) <= seconds(least, 1):
-        return stationary, decisions, {"path sums, their least,": least}
+    if stationary is not None and stationary.cost().seconds(count) <= least.seconds(count):
+        return stationary, decisions, {"path sums, their least,": least.of(count)}
     sums, sums_decisions = served(scene, request, (PathSums,) if stationary is not None else (Stationary, PathSums))
     best, others = sums, Others()
     if stationary is None:
         decisions = sums_decisions
         if _lost(sums_decisions) > request.tolerance or sums.name != PathSums.name:
             return sums, decisions, others
-    elif _lost(sums_decisions) > request.tolerance or _seconds(stationary, request) <= _seconds(sums, request):
-        best, others = stationary, {"path sums": all_operations(sums, request)}
+    elif _lost(sums_decisions) > request.tolerance or stationary.cost().seconds(count) <= sums.cost().seconds(count):
+        best, others = stationary, {"path sums": sums.cost().of(count)}
     else:
-        others = {"the stationary sampler": all_operations(stationary, request)}
+        others = {"the stationary sampler": stationary.cost().of(count)}
         decisions = [*(_left_out(each, "path sums") for each in decisions), *sums_decisions]
     return _or_covariance(scene, request, pilot, best, decisions, others)
 
@@ -67,16 +65,15 @@ def _or_covariance(
     scene: Scene, request: Request, pilot: Pilot, best: Sampler, said: list[Decision], others: Others
 ) -> tuple[Sampler, list[Decision], Others]:
     """The same, or the covariance where that is clearly quicker."""
-    bound = _CLEARLY * _seconds(best, request)
-    if unasked_obstacle(scene, request) or (
-        seconds(least_of_covariance(scene, pilot, _paths(pilot, request)), 1) > bound
-    ):
+    count, paths = request.realizations, request.paths_by(pilot.moments, within_image=True)
+    bound = _CLEARLY * best.cost().seconds(count)
+    if unasked_obstacle(scene, request) or Cost(least_of_covariance(scene, pilot, paths)).seconds(1) > bound:
         return best, said, others
     drawn, decisions = Eigenfields.propose(scene, request)
     if drawn is None or _lost(decisions) > request.tolerance or any(each.doubt for each in drawn.pilot.decisions):
         return best, said, others  # rare paths would leave their mark on every realization
-    if _seconds(drawn, request) > bound:
-        return best, said, others | {"the covariance": all_operations(drawn, request)}
+    if drawn.cost().seconds(count) > bound:
+        return best, said, others | {"the covariance": drawn.cost().of(count)}
     name = "path sums" if best.name == PathSums.name else "the stationary sampler"
     taken = Decision(
         "covariance", True, f"of {len(scene.lights)} lights at {len(scene.views)} views, estimated once from "
@@ -85,7 +82,7 @@ def _or_covariance(
     )  # fmt: skip
     said = [each if best.name == PathSums.name else _left_out(each, "the covariance") for each in said]
     kept = [each for each in said if each.part != "paths in lock step and NUFFT" and each.part != "views one by one"]
-    return drawn, [*kept, taken, *decisions], others | {name: all_operations(best, request)}
+    return drawn, [*kept, taken, *decisions], others | {name: best.cost().of(count)}
 
 
 def served(
@@ -109,30 +106,6 @@ def served(
     reject(  # one of a user's own: path sums serve every scene
         "sampler", "one that serves the scene", request.asked, "; ".join(each.reason for each in decisions)
     )
-
-
-def all_operations(sampler: Sampler, request: Request) -> Mapping[str, float]:
-    """Operations of all realizations."""
-    first, once = sampler.operations(), sampler.setup()
-    count = request.realizations
-    return {name: once.get(name, 0.0) + count * (n - once.get(name, 0.0)) for name, n in first.items()}
-
-
-def times(operations: Mapping[str, float], count: int) -> Mapping[str, float]:
-    """So many times the operations."""
-    return {name: count * n for name, n in operations.items()}
-
-
-def _seconds(sampler: Sampler, request: Request) -> float:
-    return sampler.seconds(request.realizations)
-
-
-def _paths(pilot: Pilot, request: Request) -> int:
-    """Paths of path sums."""
-    if request.paths is not None:
-        return request.paths
-    error = request.rel_error
-    return DEFAULT_PATHS if error is None else pilot.moments.paths_for(error, within_image=True)
 
 
 def _lost(told: list[Decision]) -> float:

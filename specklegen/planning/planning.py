@@ -7,7 +7,7 @@ scene's fingerprint. Predicted seconds may differ between machines, choices may 
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,13 +19,13 @@ from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import thread_count
 from specklegen.core.shielded import shielded
+from specklegen.core.values import remembered
 from specklegen.mean.rule import mean_decision
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.focused_light import focus_moments, narrow_lobes
 from specklegen.paths.lit_plane import LitPlane, lens_of, lit_plane
 from specklegen.paths.rare_paths import rare_paths_decision
 from specklegen.paths.reversal import scene_reversal
-from specklegen.paths.tracer import lock_step_obstacle
 from specklegen.planning.choosing import cheapest, served
 from specklegen.planning.exposure import with_sub_frames
 from specklegen.planning.plan import Plan
@@ -50,7 +50,7 @@ STATIONARY_TOLERANCE = 0.02
 
 def _simple_terms(scene: Scene) -> list[Decision]:
     """What beams through a slab of one kind of particle need not be asked for."""
-    if scene.thin is not None or lock_step_obstacle(scene) or len(scene.slab.scatterer.components) > 1:
+    if scene.thin is not None or scene.lock_step_obstacle or len(scene.slab.scatterer.components) > 1:
         return []
     reason = "they would be 0: the views are directions, the slab is homogeneous, and its particles are of one kind"
     return [Decision("near-field terms, voxels and mixtures", False, reason)]
@@ -79,6 +79,12 @@ def _motion(scene: Scene) -> list[Decision]:
 _SceneRule = Callable[[Scene], list[Decision]]
 SCENE_RULES: tuple[_SceneRule, ...] = (_motion, validity_decisions, _simple_terms, idealisations)
 """Rules that judge a scene alone, whatever renders it; those of a pilot are its ``decisions``."""
+
+
+@remembered(64)
+def scene_decisions(scene: Scene) -> tuple[Decision, ...]:
+    """Ask the rules that judge a scene alone, once a scene."""
+    return tuple(decision for rule in SCENE_RULES for decision in rule(scene))
 
 
 @shielded()
@@ -155,121 +161,130 @@ def plan(
     390
     """
     budget = Budget("plan", paths, rel_error, threads=threads, reverse=reverse)
-    return planned(
-        scene, budget, sampler=sampler, mean=mean, field_tolerance=field_tolerance, streamed=streamed,
-        envelope=envelope, realizations=realizations,
-    )  # fmt: skip
+    return planned(scene, budget, Options(sampler, mean, field_tolerance, streamed, envelope, realizations, "plan"))
 
 
-def planned(
-    scene: Scene,
-    budget: Budget,
-    *,
-    sampler: AnySampler = "auto",
-    mean: bool = False,
-    field_tolerance: float = 1e-3,
-    streamed: bool = False,
-    envelope: bool = True,
-    realizations: int = 1,
-) -> Plan:
+@dataclass(frozen=True)
+class Options:
+    """What is asked of a plan beside its scene and budget, checked once; :func:`plan` describes each.
+
+    Attributes
+    ----------
+    sampler : str or type of Sampler
+    asked : type of Sampler or None
+        Class of the sampler that is asked for; None of "auto".
+    mean, field_tolerance, streamed, envelope, realizations
+        As of :func:`plan`.
+    media : int
+        Realizations, 1 where no number is given.
+    owner : str
+        The verb that is asked, for messages.
+
+    Raises
+    ------
+    RuleError
+        Naming the argument.
+    """
+
+    sampler: AnySampler = "auto"
+    mean: bool = False
+    field_tolerance: float = 1e-3
+    streamed: bool = False
+    envelope: bool = True
+    realizations: int | None = 1
+    owner: str = "plan"
+    asked: type[Sampler] | None = field(init=False, default=None)
+    media: int = field(init=False, default=1)
+
+    def __post_init__(self) -> None:
+        media = 1 if self.realizations is None else whole_number(f"{self.owner} realizations", self.realizations, 1)
+        tolerance = real_number("field_tolerance", self.field_tolerance)
+        if not 0 < tolerance < 1:
+            reject("field_tolerance", "between 0 and 1", tolerance)
+        checked = {name: flag(name, getattr(self, name)) for name in ("mean", "streamed", "envelope")}
+        asked = asked_sampler("sampler", self.sampler)
+        for name, value in {**checked, "media": media, "field_tolerance": tolerance, "asked": asked}.items():
+            object.__setattr__(self, name, value)
+
+
+def planned(scene: Scene, budget: Budget, options: Options) -> Plan:
     """Plan within a budget, or refuse: every verb that renders asks here; see :func:`plan`."""
-    instance("plan scene", scene, Scene)
-    realizations = whole_number(f"{budget.owner} realizations", realizations, 1)
-    asked = asked_sampler("sampler", sampler)
-    if asked is not None and asked.thin is False and scene.thin is not None:
-        reject("sampler", '"auto" or "screens" for a thin medium', asked.name)
-    if asked is not None and asked.thin and scene.thin is None:
-        reject("sampler", "another one for a medium of scatterers", asked.name, "It draws thin screens alone.")
+    instance(f"{options.owner} scene", scene, Scene)
+    if options.mean and not scene.illumination.coherent:
+        reject("mean", "False for an incoherent object, and for exposures", options.mean,
+               "What does not scatter is not modelled there.")  # fmt: skip
     if scene.illumination.focused:
-        return _planned_focus(scene, budget, asked, mean, field_tolerance, streamed, realizations)
+        return _planned_focus(scene, budget, options)
     if scene.sensor.focused:
-        return _planned_image(scene, budget, asked, mean, field_tolerance, realizations)
+        return _planned_image(scene, budget, options)
     grid = scene.sensor.regular_grid
     if grid is not None and scene.illumination.limited:
         require_resolved("FarFieldGrid.pitch", scene.wavelength, scene.beams.width, grid.pitch)
-    return _planned(scene, budget, asked, mean, field_tolerance, realizations, streamed, envelope)
+    return _planned(scene, budget, options)
 
 
-def _planned(
-    scene: Scene, budget: Budget, asked: type[Sampler] | None, mean: bool, field_tolerance: float,
-    realizations: int, streamed: bool = False, envelope: bool = True,
-) -> Plan:  # fmt: skip
+def _planned(scene: Scene, budget: Budget, options: Options) -> Plan:
     """Plan what is seen from afar, on a grid of any pitch, or at points."""
-    field_tolerance = real_number("field_tolerance", field_tolerance)
-    if not 0 < field_tolerance < 1:
-        reject("field_tolerance", "between 0 and 1", field_tolerance)
-    mean, streamed, envelope = flag("mean", mean), flag("streamed", streamed), flag("envelope", envelope)
-    tolerance = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
-    scene, exposed = with_sub_frames(scene, tolerance)
-    if not streamed:  # the images and their views alone, before any pilot, whose time would be lost
+    asked, tolerance = options.asked, budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
+    scene, decisions = (scene, []) if scene.illumination.coherent else with_sub_frames(scene, tolerance)
+    if asked is not None:
+        for obstacle in asked.obstacles(scene):
+            others = '"auto" or "screens"' if scene.thin is not None else '"paths" or "auto"'
+            reject("sampler", f"{others} for this scene", asked.name, f"The {asked.name} sampler {obstacle}.")
+    if not options.streamed:  # the images and their views alone, before any pilot, whose time would be lost
         light = scene.illumination
         each = 8 * len(scene.lights) if light.coherent else 4 * math.prod(light.images)
         _require_memory(scene, int(np.prod(scene.sensor.shape, dtype=float)) * (each + 48))
 
     reversal = scene_reversal(scene, budget.reverse, tolerance)
     request = Request(
-        budget.paths, budget.rel_error, reversal.needed, tolerance, field_tolerance,
-        "auto" if asked is None else asked.name, streamed, envelope, realizations,
+        budget.paths, budget.rel_error, reversal.needed, tolerance, options.field_tolerance,
+        "auto" if asked is None else asked.name, options.streamed, options.envelope, options.media,
     )  # fmt: skip
-    decisions = exposed + [decision for rule in SCENE_RULES for decision in rule(scene)]
-    decisions += [reversal, mean_decision(scene, mean, tolerance, reversal.needed)]
     if asked is None and scene.thin is None:
         chosen, of_sampler, others = cheapest(scene, request)
     else:
         (chosen, of_sampler), others = served(scene, request, THIN if asked is None else (asked,)), {}
-    decisions += of_sampler
-    if asked is PathSums:
-        decisions.append(Decision("stationary sampler", False, "as asked"))
     pilot = getattr(chosen, "pilot", None)  # a sampler without paths has none
-    if pilot is not None:
-        if chosen.paths:
-            require_reach(budget.owner, pilot.missed_variance, chosen.paths)
-        decisions += pilot.decisions
+    if pilot is not None and chosen.paths:
+        require_reach(budget.owner, pilot.missed_variance, chosen.paths)
     require_float32(chosen.intensity)
-    threads = thread_count(budget.threads)
+    threads, cost = thread_count(budget.threads), chosen.cost()
     needed = chosen.memory(threads)
     _require_memory(scene, needed, chosen.paths)
-    counted = dict(chosen.operations())
-    alternatives = {way: seconds(some, threads) for way, some in chosen.alternatives().items()}
-    alternatives |= {way: seconds(all_of_them, threads) for way, all_of_them in others.items()}
+    decisions += [*scene_decisions(scene), reversal]
+    decisions += [mean_decision(scene, options.mean, tolerance, reversal.needed), *of_sampler]
+    if asked is PathSums:
+        decisions.append(Decision("stationary sampler", False, "as asked"))
     return Plan(
         scene=scene,
         chosen=chosen,
         reverse=reversal.needed,
-        mean=mean,
-        decisions=tuple(decisions),
-        operations=counted,
-        seconds=seconds(counted, threads),
+        mean=options.mean,
+        decisions=(*decisions, *(pilot.decisions if pilot is not None else ())),
+        operations=dict(cost.first),
+        seconds=seconds(cost.first, threads),
         memory_bytes=needed,
-        alternatives=alternatives,
-        realizations=request.realizations,
-        setup_seconds=seconds(chosen.setup(), threads),
+        alternatives={way: seconds(counts, threads) for way, counts in {**cost.alternatives, **others}.items()},
+        realizations=options.media,
+        setup_seconds=seconds(cost.once, threads),
     )
 
 
-def _planned_focus(
-    scene: Scene, budget: Budget, asked: type[Sampler] | None, mean: bool, field_tolerance: float, streamed: bool,
-    realizations: int,
-) -> Plan:  # fmt: skip
+def _planned_focus(scene: Scene, budget: Budget, options: Options) -> Plan:
     """Plan light that a lens focuses: the fields of its collimated beams, by one bank of paths, and their sums."""
+    asked = options.asked
     if asked not in (None, PathSums):
         reject("sampler", '"auto" or "paths" for focused beams', asked.name,
                "Others have light under the window alone, or know no sums of beams.")  # fmt: skip
-    lit = scene.replace(illumination=scene.beams)
-
-    def made_of(budget: Budget) -> Plan:
-        return planned(
-            lit, budget, sampler=PathSums, mean=mean, field_tolerance=field_tolerance, streamed=streamed,
-            realizations=realizations,
-        )  # fmt: skip
-
-    beam_plan = made_of(budget)
+    lit, options = scene.replace(illumination=scene.beams), replace(options, sampler=PathSums, envelope=True)
+    beam_plan = planned(lit, budget, options)
     afar = scene if beam_plan.lens is None else scene.replace(sensor=beam_plan.lens.grid)
     moments, lobes = focus_moments(afar, beam_plan.reverse, beam_plan.lens), narrow_lobes(afar, beam_plan.reverse)
     if budget.rel_error is not None:
         paths = moments.paths_for(budget.rel_error, within_image=True)
         if paths > beam_plan.paths:
-            beam_plan = made_of(replace(budget, paths=paths, rel_error=None))
+            beam_plan = planned(lit, replace(budget, paths=paths, rel_error=None), options)
     beams = len(lit.lights)
     judged = beam_plan.chosen.pilot.decisions  # type: ignore[attr-defined] # of each beam alone
     left = {"stationary sampler", "stationary image"}
@@ -289,32 +304,28 @@ def _planned_focus(
     )  # fmt: skip
 
 
-def _planned_image(
-    scene: Scene, budget: Budget, asked: type[Sampler] | None, mean: bool, field_tolerance: float, realizations: int
-) -> Plan:
+def _planned_image(scene: Scene, budget: Budget, options: Options) -> Plan:
     """Plan what a lens sees: the far field over its pupil, and the image made of that."""
-    if asked is not None and not asked.images:
+    asked = options.asked
+    if asked is not None and asked.abilities.lens == "none":
         reject("sampler", '"auto", "paths" or "stationary" for a camera with a lens', asked.name)
-    if mean and not scene.illumination.coherent:
-        reject("mean", "False for an incoherent object, and for exposures", mean,
-               "What does not scatter is not modelled there.")  # fmt: skip
     tolerance = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
     scene, exposed = _with_sub_frames(scene, tolerance)
     lens, lit = lens_of(scene), lit_plane(scene)
     few = _too_narrow(scene, lit, asked)
-    at_faces = asked is not None and asked.from_face
+    at_faces = asked is not None and asked.abilities.lens == "face"
     if few is None and lit.turned > tolerance:
         few = Decision(
             "stationary image", at_faces, f"between the middle of the pupil and its rim its correlation under "
             f"a tilt turns by {lit.turned:.2g}, for the pattern moves with the beam, allowed {tolerance:g}",
             doubt=at_faces,
         )  # fmt: skip
-    wanted = PathSums if few is not None and asked is None else asked
-    pupil_plan = _planned(lens.pupil_scene, budget, wanted, mean, field_tolerance, realizations)
-    pixel = lit.moments if pupil_plan.chosen.medium_by_medium else None
-    pilot = getattr(
-        pupil_plan.chosen, "pilot", None
-    )  # which judges views up to the corners of the square around the pupil
+    options = replace(options, streamed=False, envelope=True)
+    if few is not None and asked is None:
+        options = replace(options, sampler=PathSums)
+    pupil_plan = _planned(lens.pupil_scene, budget, options)
+    pixel = lit.moments if pupil_plan.chosen.abilities.medium_by_medium else None
+    pilot = getattr(pupil_plan.chosen, "pilot", None)  # it judges views up to the corners of the square about the pupil
     judged = () if pilot is None or pixel is None else pilot.decisions
     kept = [
         d for d in pupil_plan.decisions
@@ -325,7 +336,7 @@ def _planned_image(
         paths = pixel.paths_for(budget.rel_error, within_image=True)
         if paths > pupil_plan.paths:
             budget = replace(budget, paths=paths, rel_error=None)
-            pupil_plan = _planned(lens.pupil_scene, budget, PathSums, mean, field_tolerance, realizations)
+            pupil_plan = _planned(lens.pupil_scene, budget, replace(options, sampler=PathSums))
     operations = dict(pupil_plan.operations)
     operations["flop"] = operations.get("flop", 0.0) + len(lens.pupil_scene.lights) * lens.flops
     memory = int(pupil_plan.memory_bytes + lens.memory)
@@ -360,7 +371,7 @@ def _too_narrow(scene: Scene, lit: LitPlane, asked: type[Sampler] | None) -> Dec
         f"use a window at least {width:.4g} wide, or an image at most {max(2 * (window.flat - lit.halo), 0):.4g} across"
         if window.flat else "use a square or a round window, which is even in its middle"
     )  # fmt: skip
-    if asked is not None and asked.from_face:
+    if asked is not None and asked.abilities.lens == "face":
         reject("sampler", '"paths" or "auto" for this image', asked.name,
                f"The stationary sampler has light under the window alone: {reason}; {remedy}.")  # fmt: skip
     return Decision("stationary image", False, f"it has light under the window alone, and {reason}")
@@ -374,13 +385,14 @@ def streaming_obstacle(scene: Scene) -> str | None:
         return "beams with an exposure, whose images hold no field"
     if scene.sensor.regular_grid is None or not (scene.illumination.limited and scene.illumination.coherent):
         return f"{type(scene.illumination).__name__} seen by {type(scene.sensor).__name__}"
-    return lock_step_obstacle(scene)
+    return scene.lock_step_obstacle
 
 
 def _require_memory(scene: Scene, needed: int, paths: int = 0) -> None:
-    stream = ", or stream the stack by render_tiles." if streaming_obstacle(scene) is None else "."
+    def remedy() -> str:
+        stream = ", or stream the stack by render_tiles." if streaming_obstacle(scene) is None else "."
+        return f"Render fewer tilts or fewer views{' or paths' if paths else ''} at a time{stream}"
+
     traced = f", {paths} paths" if paths else ""
-    require_memory(
-        "Scene", "renderable", needed, f"{len(scene.lights)} tilts of {scene.sensor.shape} views{traced}",
-        f"Render fewer tilts or fewer views{' or paths' if paths else ''} at a time{stream}", share=0.9,
-    )  # fmt: skip
+    what = f"{len(scene.lights)} tilts of {scene.sensor.shape} views{traced}"
+    require_memory("Scene", "renderable", needed, what, remedy, share=0.9)

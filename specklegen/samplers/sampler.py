@@ -4,24 +4,28 @@ Every sampler is a room of its own: it says whether it may serve a scene and why
 how it draws. The planner asks each, folds the decisions, and obeys the cheapest that may; nothing else knows which
 sampler it is. A new one is a subclass of :class:`Sampler`, known by its name from its definition on.
 
+    Sampler.obstacles(scene)        -> why it cannot draw the scene at all
     Sampler.propose(scene, request) -> the sampler dimensioned for the scene
+        .cost(), .memory(threads)   -> what it takes
         .prepare(seed, threads)     -> Renderer -- media   --> Realization of the scene's own light
+    MediaSampler
         .prepare_media(request)     -> Imager   -- media   --> Media -- images, superposed --> images of any light
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, NoReturn, Protocol, Self
 
 import numpy as np
 
+from specklegen.core.budgets import DEFAULT_PATHS
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.core.nanoseconds import seconds
+from specklegen.core.nanoseconds import Cost
 from specklegen.core.random_streams import Seed
 from specklegen.core.registry import Registry
-from specklegen.paths.gaussianity import EXACT
+from specklegen.paths.gaussianity import EXACT, PathMoments
 from specklegen.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -88,6 +92,12 @@ class Request:
     realizations: int = 1
     thorough: bool = True
     beside: float = 0.0
+
+    def paths_by(self, moments: PathMoments, within_image: bool = False) -> int:
+        """Return the paths asked for: their number, or those of the error by a pilot's moments, or the default."""
+        if self.paths is not None:
+            return self.paths
+        return DEFAULT_PATHS if self.rel_error is None else moments.paths_for(self.rel_error, within_image=within_image)
 
 
 class Realization(NamedTuple):
@@ -203,17 +213,42 @@ class MediaRequest:
     imager: "Imager | None" = None
 
 
+@dataclass(frozen=True)
+class Abilities:
+    """What a sampler can do, whatever the scene.
+
+    Attributes
+    ----------
+    media : "volumes", "thin" or "any"
+        Whether it draws volumes of scatterers, thin screens, or both.
+    medium_by_medium : bool
+        Whether it is planned for the scene of each medium with every beam, not once for all media of a recipe.
+    lens : "none", "origin" or "face"
+        Whether phases of its fields at many views are those that a lens needs (:mod:`specklegen.instrument.lens`), and
+        whence they are counted: from z = 0, or from the face where light leaves, as if it came from there.
+    films : bool
+        Whether :meth:`MediaSampler.prepare_media` knows the frames of media that move (``MediaRequest.film``).
+    """
+
+    media: Literal["volumes", "thin", "any"] = "any"
+    medium_by_medium: bool = False
+    lens: Literal["none", "origin", "face"] = "none"
+    films: bool = False
+
+
 class Sampler(ABC):
     """A way to render a scene, chosen and dimensioned. Subclass it for one of your own.
 
-    ``class Mine(Sampler, name="mine")`` is known as "mine" to :func:`specklegen.plan`, recipes and the command line.
-    It says when it serves (:meth:`propose`) and how it draws (:meth:`prepare`); to render recipes, it makes media ready
-    too (:meth:`prepare_media`). What it does not say is 0, or nothing.
+    ``class Mine(Sampler, name="mine")`` is known as "mine" to :func:`specklegen.plan` and the command line. It says
+    when it serves (:meth:`obstacles`, :meth:`propose`), what it takes (:meth:`cost`, :meth:`memory`), and how it draws
+    (:meth:`prepare`). One that renders recipes, too, is a :class:`MediaSampler`. What it does not say is 0, or nothing.
 
     Attributes
     ----------
     name : str
         As one asks for it.
+    abilities : Abilities
+        What it can do.
     scene : Scene
     paths : int
         Paths that it traces, for each realization or once.
@@ -227,24 +262,10 @@ class Sampler(ABC):
         Whether so many paths make Gaussian speckle.
     intensity : float
         Largest mean intensity among a few lights and views; 0 where it is not known.
-    thin : bool or None
-        Whether it draws thin screens alone; or volumes alone; None of one that draws either.
-    medium_by_medium : bool
-        Whether it is planned for the scene of each medium with every beam, not once for all media of a recipe.
-    images : bool
-        Whether phases of its fields at many views are those that a lens needs (:mod:`specklegen.instrument.lens`), ...
-    from_face : bool
-        ... counted from the face where light leaves, as if it came from there; otherwise from z = 0.
-    films : bool
-        Whether :meth:`prepare_media` knows the frames of media that move (``MediaRequest.film``).
     """
 
     name: ClassVar[str]
-    thin: ClassVar[bool | None] = None
-    medium_by_medium: ClassVar[bool] = False
-    images: ClassVar[bool] = False
-    from_face: ClassVar[bool] = False
-    films: ClassVar[bool] = False
+    abilities: ClassVar[Abilities] = Abilities()
     scene: Scene
     paths = 0
     expected_error = 0.0
@@ -255,50 +276,34 @@ class Sampler(ABC):
 
     def __init_subclass__(cls, name: str | None = None, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        for former in _FORMER.keys() & vars(cls).keys():
+            reject(f"{cls.__name__}.{former}", f"given by {_FORMER[former]}", vars(cls)[former],
+                   "Samplers changed: docs/extending.md has one as it is now.")  # fmt: skip
         cls.name = name or cls.__name__
-        SAMPLERS.add(cls.name, cls)
+        if cls.__module__ != __name__:  # bases are no samplers to be asked for
+            SAMPLERS.add(cls.name, cls)
+
+    @classmethod
+    def obstacles(cls, scene: Scene) -> list[str]:
+        """Say why it cannot draw a scene at all, whatever the tolerance; an empty list where nothing is known."""
+        if cls.abilities.media == "volumes" and scene.thin is not None:
+            return ["draws volumes of scatterers alone"]
+        if cls.abilities.media == "thin" and scene.thin is None:
+            return ["draws thin screens alone"]
+        return []
 
     @classmethod
     @abstractmethod
     def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
-        """The sampler made for a scene, None where it may not serve, and what speaks for it or against."""
+        """Make the sampler for a scene, None where it may not serve; with what speaks for it or against."""
 
     @abstractmethod
     def prepare(self, seed: Seed, threads: int | None) -> Renderer:
         """Do once what all realizations share."""
 
-    def prepare_media(self, request: MediaRequest) -> "Sequence[tuple[list[int], Imager]]":  # noqa: ARG002
-        """Make media of a recipe ready: those alike together, and which they are."""
-        reject("Recipe.sampler", "one that makes media ready", self.name, "Define prepare_media.")
-
-    @classmethod
-    def renders_recipes(cls) -> bool:
-        """Whether it makes media of recipes ready."""
-        return cls.prepare_media is not Sampler.prepare_media
-
-    def instead(self, said: Sequence[Decision]) -> "tuple[Sampler, tuple[Decision, ...]] | None":  # noqa: ARG002
-        """Another that serves this scene, where all media of a recipe want one sampler; None: there is no other.
-
-        With what is then said in the place of ``said``.
-        """
-        return None
-
-    def operations(self) -> Mapping[str, float]:
-        """Counted operations of the first realization, by the names of :mod:`specklegen.core.nanoseconds`."""
-        return {}
-
-    def setup(self) -> Mapping[str, float]:
-        """Operations among them that are done once, however many realizations follow; by default none."""
-        return {}
-
-    def seconds(self, realizations: int, threads: int = 1) -> float:
-        """Predicted seconds of so many realizations, those of what is done once included."""
-        first, once = seconds(self.operations(), threads), seconds(self.setup(), threads)
-        return once + realizations * max(first - once, 0.0)
-
-    def alternatives(self) -> Mapping[str, Mapping[str, float]]:
-        """Operations that other ways to the same would take, by what they are."""
-        return {}
+    def cost(self) -> Cost:
+        """Count the operations of realizations; by default none."""
+        return Cost()
 
     def memory(self, threads: int) -> int:  # noqa: ARG002
         """Bytes by which the process grows at most in its first plan and render, of one realization."""
@@ -306,8 +311,27 @@ class Sampler(ABC):
         return int(8 * held * 4 + TORCH_BYTES + FIXED_BYTES)
 
 
+_FORMER = dict.fromkeys(("thin", "medium_by_medium", "from_face", "films"), "abilities") | {"operations": "cost()"}
+"""Names that samplers of a user's own had before, and what has taken their place."""
+
+
+class MediaSampler(Sampler):
+    """A sampler that renders recipes as well: it makes many media ready at once, for whatever light comes later."""
+
+    @abstractmethod
+    def prepare_media(self, request: MediaRequest) -> "Sequence[tuple[list[int], Imager]]":
+        """Make media of a recipe ready: those alike together, and which they are."""
+
+    def instead(self, said: Sequence[Decision]) -> "tuple[Sampler, tuple[Decision, ...]] | None":  # noqa: ARG002
+        """Return another that serves this scene, where all media of a recipe want one sampler; None: there is no other.
+
+        With what is then said in the place of ``said``.
+        """
+        return None
+
+
 def _is_sampler(found: Any) -> bool:
-    return isinstance(found, type) and issubclass(found, Sampler) and found is not Sampler
+    return isinstance(found, type) and issubclass(found, Sampler) and found not in (Sampler, MediaSampler)
 
 
 SAMPLERS: Registry[type[Sampler]] = Registry("sampler", _is_sampler)

@@ -288,7 +288,7 @@ class Scene(Value, Pictured):
     def _unitless_fingerprint(self) -> str:
         return unitless_fingerprint(self.at_rest, self.wavelength)  # seconds, of millions of pixels as text
 
-    @property
+    @cached_property
     def film(self) -> bool:
         """Whether the beams see scatterers move between their times, or during their exposures."""
         times = getattr(self.illumination, "times", None)  # beams alone have any
@@ -302,8 +302,11 @@ class Scene(Value, Pictured):
 
         The motion of its medium is then nobody's business. A film with more frames, or longer exposures, has the same.
         """
-        if self.thin is not None or getattr(self.illumination, "times", None) is None:
-            return self
+        timed = self.thin is None and getattr(self.illumination, "times", None) is not None
+        return self._at_rest if timed else self  # a value that cached itself would outlive its last user
+
+    @cached_property
+    def _at_rest(self) -> Self:
         directions = self.illumination.vectors
         if self.film:
             first = np.unique(directions, axis=0, return_index=True)[1]
@@ -320,12 +323,12 @@ class Scene(Value, Pictured):
         """K = 2 pi / wavelength, radians per unit length."""
         return 2 * np.pi / self.wavelength
 
-    @property
+    @cached_property
     def hides_object(self) -> bool:
         """Whether an incoherent object lights the medium: one image comes of all its points."""
         return not self.illumination.coherent and self.illumination.images == ()
 
-    @property
+    @cached_property
     def beams(self) -> CollimatedBeams:
         """The coherent beams that carry light: the illumination's own, those of an object's lit pixels, or instants.
 
@@ -345,7 +348,7 @@ class Scene(Value, Pictured):
         """A thin medium as a stack of screens; None where the medium is a volume."""
         return self.medium.stack
 
-    @property
+    @cached_property
     def volume(self) -> Medium:
         """The medium of a scene whose medium is a volume of scatterers."""
         return require_medium("Scene.medium", self.medium, "Thin screens have no volume.")
@@ -360,21 +363,21 @@ class Scene(Value, Pictured):
         """Thickness of the medium along the optical axis."""
         return self.volume.thickness if self.thin is None else self.thin.thickness
 
-    @property
+    @cached_property
     def slab(self) -> Slab:
         """The medium of a scene whose medium is a slab, or layers, which have all that a slab has."""
         if not isinstance(self.medium, PlaneParallel):
             reject("Scene.medium", "a Slab or Layers here", type(self.medium).__name__)
         return self.medium  # type: ignore[return-value]
 
-    @property
+    @cached_property
     def grid(self) -> FarFieldGrid:
         """The sensor of a scene that is seen by a regular far-field grid."""
         if self.sensor.regular_grid is None:
             reject("Scene.sensor", "a FarFieldGrid here", self.sensor.type)
         return self.sensor.regular_grid
 
-    @property
+    @cached_property
     def lights(self) -> np.ndarray:
         """float64[T, d]: directions of travel of the coherent lights, or the points of point sources."""
         own = self.illumination.coherent and not self.illumination.focused
@@ -385,6 +388,22 @@ class Scene(Value, Pictured):
         """float64[V, d]: the sensor's directions or points, flattened in C order."""
         vectors = self.sensor.vectors
         return vectors.reshape(-1, vectors.shape[-1])
+
+    @cached_property
+    def lock_step_obstacle(self) -> str | None:
+        """Why paths in lock step, those of beams between two planes seen from afar, do not serve it; or None."""
+        if not isinstance(self.medium, PlaneParallel):
+            return f"the medium is a {type(self.medium).__name__}"
+        if self.dimension == 2:
+            return "the scene is in flatland"
+        if not self.illumination.limited:
+            return f"the light is {type(self.illumination).__name__}"
+        return "the sensor is in the near field" if self.sensor.near else None
+
+    @cached_property
+    def refracts_inside(self) -> bool:
+        """Whether layers of other refractive indices than their neighbours' lie in it: aimed light knows no steps."""
+        return self.thin is None and self.volume.refracts and as_slab(self.slab) is None
 
     @property
     def side(self) -> float:

@@ -65,7 +65,8 @@ def _differentiated(name: str, operator: Callable[..., Any]) -> Callable[..., An
     """Return what torch runs where it may track derivatives: the torch form if it does, the operator if not."""
 
     def run(*arguments: Any) -> Any:
-        if not any(map(_tracked, _tensors(arguments))):
+        may_be_tracked = torch.is_grad_enabled() or forward_ad._current_level >= 0  # asked first: samples have neither
+        if not (may_be_tracked and any(map(_tracked, _tensors(arguments)))):
             with torch._C._AutoDispatchBelowAutograd():
                 return operator(*arguments)
         if name in STEPWISE:

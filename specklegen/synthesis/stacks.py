@@ -23,7 +23,6 @@ from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.synthesis.exit_grid import (
     Axis,
-    columns_first,
     fft_flops,
     matrix_flops,
     sampled_amplitude,
@@ -103,6 +102,12 @@ class StackSampler:
     face: torch.Tensor | None = None
 
     @cached_property
+    def columns_first(self) -> bool:
+        """Whether the two matrix products to views are fewer operations if that along x comes first."""
+        (rows, columns), x, y = self.shape, self.x.count, self.y.count
+        return columns * y * (x + rows) < rows * x * (y + columns)
+
+    @cached_property
     def ramps(self) -> torch.Tensor:
         """Window, tilt and first view: b(x) e^(ik(i_t - v_0) . x), complex[T, y.count, x.count]."""
         return self._ramps(slice(None))
@@ -139,8 +144,7 @@ class StackSampler:
     def _fields(self, white: torch.Tensor, tilts: slice, ramps: torch.Tensor) -> torch.Tensor:
         fields = (self.mixing[tilts] @ white).reshape(ramps.shape) * ramps
         if not self.fft:
-            across = columns_first(self.x, self.y, self.shape)
-            views = self.rows @ (fields @ self.columns.T) if across else self.rows @ fields @ self.columns.T
+            views = self.rows @ (fields @ self.columns.T) if self.columns_first else self.rows @ fields @ self.columns.T
             return views if self.face is None else views * self.face
         spectrum = torch.fft.fft2(fields, s=(self.y.period, self.x.period))
         # An FFT measures positions from its first cell, the matrices from the middle of the window.

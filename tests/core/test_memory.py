@@ -64,10 +64,9 @@ def test_ulimit_bounds_memory():
 
 
 def test_what_is_free_bounds_memory(monkeypatch):
-    monkeypatch.setattr(memory, "_free", lambda: [GIB])
-    monkeypatch.setattr(memory, "_under_ulimit", list)
+    monkeypatch.setattr(memory, "_bounds_now", lambda: [GIB])
     assert available_memory() == GIB
-    monkeypatch.setattr(memory, "_free", list)
+    monkeypatch.setattr(memory, "_bounds_now", list)
     assert available_memory() == memory_limit() <= os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 

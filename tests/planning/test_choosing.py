@@ -9,7 +9,8 @@ from specklegen.core.decision import Decision
 from specklegen.core.nanoseconds import seconds
 from specklegen.paths.pilot import scene_pilot
 from specklegen.planning import choosing
-from specklegen.samplers.path_sums.sampler import PathSums, least_operations
+from specklegen.samplers.path_sums.cost import least_operations
+from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.samplers.stationary import rule
 from specklegen.samplers.stationary.stationarity import FIRST_PATHS, MOST_PATHS
 

@@ -10,7 +10,7 @@ from specklegen.core.errors import reject
 from specklegen.core.registry import is_import_path
 from specklegen.core.values import CONTENT_KEY, for_identity
 from specklegen.planning.planning import PACKAGED
-from specklegen.samplers.sampler import SAMPLERS, AnySampler, Sampler, asked_sampler
+from specklegen.samplers.sampler import SAMPLERS, AnySampler, MediaSampler, Sampler, asked_sampler
 
 NUMBERS = {"paths": 1, "stationary": 2, "screens": 3, "convolution": 4}
 """Numbers that samples store, of the samplers of this library; ..."""
@@ -28,14 +28,15 @@ def _asked(asked: Any) -> AnySampler:
     stated = None
     if isinstance(asked, Mapping):
         asked, stated = asked.get("type"), asked.get(CONTENT_KEY)
-    able = [name for name in SAMPLERS if SAMPLERS[name].renders_recipes()]
+    able = [name for name in SAMPLERS if issubclass(SAMPLERS[name], MediaSampler)]
     if isinstance(asked, str) and asked not in ("auto", *able) and not is_import_path(asked):
         raise ValueError(f"one of {', '.join(map(repr, ['auto', *able]))}")
     kind = asked_sampler("Recipe.sampler", asked)
     if kind is None:
         return "auto"
-    if not kind.renders_recipes():
-        reject("Recipe.sampler", "one that makes media ready", kind.name, "Define its prepare_media.")
+    if not issubclass(kind, MediaSampler):
+        reject("Recipe.sampler", "one that makes media ready", kind.name,
+               "Make it a MediaSampler, and define its prepare_media.")  # fmt: skip
     if not is_own(kind):
         return kind.name
     digest = content_digest(kind)
@@ -45,7 +46,7 @@ def _asked(asked: Any) -> AnySampler:
     return kind
 
 
-_NAMES = ["auto", *(kind.name for kind in PACKAGED if kind.renders_recipes())]
+_NAMES = ["auto", *(kind.name for kind in PACKAGED if issubclass(kind, MediaSampler))]
 _asked.names = _NAMES  # type: ignore[attr-defined]  # which signatures show
 
 

@@ -9,9 +9,9 @@ from typing import Self
 
 import numpy as np
 
-from specklegen.core.budgets import DEFAULT_PATHS
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
+from specklegen.core.nanoseconds import Cost
 from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import BATCHES
 from specklegen.paths.far_field import far_field_decision
@@ -25,7 +25,16 @@ from specklegen.samplers.covariance.cost import (
 )
 from specklegen.samplers.covariance.covariance import Covariance, covariance
 from specklegen.samplers.covariance.outer_products import AMPLITUDES, batches_side_by_side
-from specklegen.samplers.sampler import FIXED_BYTES, RECORD_BYTES, Realization, Request, Sampler, Where, image_of
+from specklegen.samplers.sampler import (
+    FIXED_BYTES,
+    RECORD_BYTES,
+    Abilities,
+    Realization,
+    Request,
+    Sampler,
+    Where,
+    image_of,
+)
 from specklegen.scene.scene import Scene, require_no_film, require_no_focus
 
 
@@ -59,7 +68,7 @@ class Eigenfields(Sampler, name="covariance"):
 
     summation = "eigenvectors"
     error_of = "false intensity correlation"
-    thin = False
+    abilities = Abilities(media="volumes")
 
     @classmethod
     def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
@@ -69,11 +78,8 @@ class Eigenfields(Sampler, name="covariance"):
         require_no_film("covariance", scene)
         require_no_focus("covariance", scene)
         pilot = volume_pilot(scene, request.reverse)
-        paths = request.paths
-        if paths is None:
-            paths = DEFAULT_PATHS if request.rel_error is None else pilot.moments.paths_for(request.rel_error)
         doubt = far_field_decision(scene)
-        return cls(scene, paths, pilot, request.reverse), [doubt] if doubt else []
+        return cls(scene, request.paths_by(pilot.moments), pilot, request.reverse), [doubt] if doubt else []
 
     @property
     def expected_error(self) -> float:
@@ -85,19 +91,13 @@ class Eigenfields(Sampler, name="covariance"):
         """Largest mean intensity among the pilot's lights and views."""
         return self.pilot.intensity
 
-    def operations(self) -> Mapping[str, float]:
-        """Operations of the covariance, its eigenvectors and one field."""
-        operations = Counter(self.setup())
-        operations.update(field_operations(self._pairs))
-        return operations
-
-    def setup(self) -> Mapping[str, float]:
-        """Operations of the covariance and its eigenvectors."""
-        return covariance_operations(self.scene, self.pilot, self.paths) | eigen_operations(self._pairs)
-
-    @property
-    def _pairs(self) -> float:
-        return float(len(self.scene.lights) * len(self.scene.views))
+    def cost(self) -> Cost:
+        """Count the operations of the covariance and its eigenvectors, once, and of one field."""
+        pairs = float(len(self.scene.lights) * len(self.scene.views))
+        once = covariance_operations(self.scene, self.pilot, self.paths) | eigen_operations(pairs)
+        first = Counter(once)
+        first.update(field_operations(pairs))
+        return Cost(first, once)
 
     def memory(self, threads: int) -> int:
         """Bytes by which the process grows at most."""

@@ -1,10 +1,14 @@
 """What path sums cost: counted operations and bytes, through a slab or through anything."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.core.nanoseconds import seconds
 from specklegen.paths.chunks import CONNECTIONS, Chunks
+from specklegen.paths.pilot import Pilot
 from specklegen.paths.slab_tracer import BLOCK
 from specklegen.samplers.path_sums.direct import FIELD_ELEMENTS, VIEWS_AT_ONCE
 from specklegen.samplers.path_sums.nufft import TILTS_AT_ONCE, NufftPlan
@@ -104,6 +108,15 @@ def direct_operations(tilts: int, connections: float, views: int, plain: bool = 
         "direct view": connections * views,
         "direct tilt": connections * views * tilts,
     }
+
+
+def least_operations(scene: Scene, pilot: Pilot, paths: int) -> Mapping[str, float]:
+    """Operations that a realization takes at least, by its pilot alone, before its sums are looked into."""
+    lights, views, connections = len(scene.lights), math.prod(scene.sensor.shape), paths * pilot.connections_per_path
+    tracing = {"path": paths, pilot.event: paths * pilot.events_per_path, "connection": connections}
+    transformed = {"end": connections * lights, "spread": connections * lights, "FFT point": 4.0 * lights * views}
+    summed = direct_operations(lights, connections, views)
+    return tracing | min(transformed, summed, key=lambda each: seconds(each, 1))
 
 
 def tracing_operations(work: Work) -> dict[str, float]:

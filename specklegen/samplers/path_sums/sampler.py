@@ -5,7 +5,7 @@ in their order, so that a field does not depend on threads, nor on whether it co
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial, reduce
 from itertools import islice
@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from specklegen.core.budgets import DEFAULT_PATHS
 from specklegen.core.decision import Decision
-from specklegen.core.nanoseconds import seconds
+from specklegen.core.nanoseconds import Cost
 from specklegen.core.parallel import Threads, in_turn, one_blas_thread, slices, thread_count
 from specklegen.core.random_streams import Seed
 from specklegen.paths.bank import PathBank
@@ -24,7 +23,7 @@ from specklegen.paths.far_field import far_field_decision
 from specklegen.paths.flows import lit_elsewhere
 from specklegen.paths.gaussianity import Gaussianity
 from specklegen.paths.pilot import Pilot, scene_pilot
-from specklegen.paths.tracer import Tracer, lock_step_obstacle
+from specklegen.paths.tracer import Tracer
 from specklegen.samplers.path_sums.cost import (
     CONNECTIONS_KEPT,
     Work,
@@ -37,7 +36,16 @@ from specklegen.samplers.path_sums.direct import Phases, direct_field, is_plain_
 from specklegen.samplers.path_sums.nufft import TILTS_AT_ONCE, NufftPlan, nufft_field, nufft_frame, nufft_tile
 from specklegen.samplers.path_sums.summation import summation_decision
 from specklegen.samplers.path_sums.tiling import Tile, coarsest
-from specklegen.samplers.sampler import TILTS_STREAMED, MediaRequest, Realization, Request, Sampler, Where, image_of
+from specklegen.samplers.sampler import (
+    TILTS_STREAMED,
+    Abilities,
+    MediaRequest,
+    MediaSampler,
+    Realization,
+    Request,
+    Where,
+    image_of,
+)
 from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.scene import Scene
 
@@ -50,17 +58,8 @@ Bank = Callable[[int, Threads], tuple[PathBank, Phases]]
 """(number of a chunk, threads) -> its connections and their random phases."""
 
 
-def least_operations(scene: Scene, pilot: Pilot, paths: int) -> Mapping[str, float]:
-    """Operations that a realization takes at least, by its pilot alone, before its sums are looked into."""
-    lights, views, connections = len(scene.lights), math.prod(scene.sensor.shape), paths * pilot.connections_per_path
-    tracing = {"path": paths, pilot.event: paths * pilot.events_per_path, "connection": connections}
-    transformed = {"end": connections * lights, "spread": connections * lights, "FFT point": 4.0 * lights * views}
-    summed = direct_operations(lights, connections, views)
-    return tracing | min(transformed, summed, key=lambda each: seconds(each, 1))
-
-
 @dataclass(frozen=True)
-class PathSums(Sampler, name="paths"):
+class PathSums(MediaSampler, name="paths"):
     """Path sums of a scene, dimensioned; see :class:`specklegen.samplers.sampler.Sampler`."""
 
     scene: Scene
@@ -69,26 +68,20 @@ class PathSums(Sampler, name="paths"):
     reverse: bool
 
     error_of = "false intensity correlation"
-    thin = False
-    medium_by_medium = True
-    images = True
+    abilities = Abilities(media="volumes", medium_by_medium=True, lens="origin")
 
     @classmethod
     def propose(cls, scene: Scene, request: Request) -> tuple[Self, list[Decision]]:
         """Path sums for a scene; they serve any."""
         pilot = scene_pilot(scene, request.reverse)
-        obstacle = lock_step_obstacle(scene)
+        obstacle = scene.lock_step_obstacle
         if obstacle is None:
             nufft, decision = summation_decision(scene, pilot, request.field_tolerance, request.reverse)
         else:
             nufft, decision = None, Decision("paths in lock step and NUFFT", False, obstacle)
-        paths = request.paths
-        if paths is None:
-            error = request.rel_error
-            paths = DEFAULT_PATHS if error is None else pilot.moments.paths_for(error, within_image=True)
         work = Work(
             scene=scene,
-            paths=paths,
+            paths=request.paths_by(pilot.moments, within_image=True),
             events_per_path=pilot.events_per_path,
             connections_per_path=pilot.connections_per_path,
             lock_step=obstacle is None,
@@ -147,22 +140,18 @@ class PathSums(Sampler, name="paths"):
         """Precision in which fields are summed."""
         return self.nufft.dtype if self.nufft else np.complex128
 
-    def operations(self) -> Mapping[str, float]:
-        """Counted operations of one realization."""
-        return operations(self.work)
-
-    def alternatives(self) -> Mapping[str, Mapping[str, float]]:
-        """The direct sum instead of the NUFFT, and reversed paths where they are left out."""
-        work = self.work
-        if not work.lock_step:
-            return {}
-        tracing = tracing_operations(work)
-
-        def direct(ways: int) -> Mapping[str, float]:
-            return tracing | direct_operations(work.lights, work.connections * ways, work.views, work.plain)
-
-        others = {"the direct sum": direct(1)} if work.nufft else {}
-        return others if self.reverse else others | {"adding reversed paths (reverse=True)": direct(2)}
+    def cost(self) -> Cost:
+        """Count the operations of one realization; of the direct sum instead of the NUFFT, and with reversed paths."""
+        work, others = self.work, {}
+        if work.lock_step:
+            tracing = tracing_operations(work)
+            ways = {"the direct sum": 1} if work.nufft else {}
+            ways |= {} if self.reverse else {"adding reversed paths (reverse=True)": 2}
+            others = {
+                name: tracing | direct_operations(work.lights, work.connections * count, work.views, work.plain)
+                for name, count in ways.items()
+            }
+        return Cost(operations(work), alternatives=others)
 
     def memory(self, threads: int) -> int:
         """Bytes by which the process grows at most."""

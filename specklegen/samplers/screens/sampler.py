@@ -1,6 +1,6 @@
 """The screens sampler: Gaussian fields, correlated in closed form, under an envelope about each beam."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Self
@@ -8,9 +8,19 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from specklegen.core.decision import Decision
+from specklegen.core.nanoseconds import Cost
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
-from specklegen.samplers.sampler import FIXED_BYTES, TORCH_BYTES, MediaRequest, Realization, Request, Sampler, Where
+from specklegen.samplers.sampler import (
+    FIXED_BYTES,
+    TORCH_BYTES,
+    Abilities,
+    MediaRequest,
+    MediaSampler,
+    Realization,
+    Request,
+    Where,
+)
 from specklegen.samplers.screens.correlation import Envelope, drifts, envelope, screen_correlation
 from specklegen.samplers.screens.rule import screens_decision
 from specklegen.scene.scene import Scene
@@ -27,7 +37,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Screens(Sampler, name="screens"):
+class Screens(MediaSampler, name="screens"):
     """The screens sampler of a scene; see :class:`specklegen.samplers.sampler.Sampler`.
 
     Attributes
@@ -42,7 +52,7 @@ class Screens(Sampler, name="screens"):
 
     summation = "FFT or matrix products"
     error_of = "intensity scale, which is exact"
-    thin = True
+    abilities = Abilities(media="thin")
 
     @classmethod
     def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
@@ -76,15 +86,15 @@ class Screens(Sampler, name="screens"):
         """Largest mean intensity."""
         return scattered_intensity(self.scene)
 
-    def operations(self) -> Mapping[str, float]:
-        """Operations of one stack."""
+    def cost(self) -> Cost:
+        """Count the operations of one stack."""
         x, y = stack_axes(self._beams, self.drift)
         tilts, views, size = len(self.scene.beams.directions), np.prod(self.scene.sensor.shape), x.count * y.count
-        return {
+        return Cost({
             "normal": tilts * size,
             "flop": tilts * (8.0 * tilts * size + min(matrix_flops(x, y, self._grid.shape), fft_flops(x, y))),
             "stack view": tilts * (3 * views + 4.0 * size),
-        }
+        })  # fmt: skip
 
     def memory(self, threads: int) -> int:
         """Bytes by which the process grows at most."""

@@ -20,9 +20,8 @@ from specklegen.core.random_streams import pilot_seed
 from specklegen.core.values import remembered
 from specklegen.memory_effects.atlas import atlas_correlation
 from specklegen.samplers.sampler import MediaRequest, Request
-from specklegen.samplers.stationary.rule import stationary_obstacle
-from specklegen.samplers.stationary.sampler import Stationary, object_of
-from specklegen.scene.media import as_slab
+from specklegen.samplers.stationary.object_maps import object_of
+from specklegen.samplers.stationary.sampler import Stationary
 from specklegen.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -44,14 +43,23 @@ class Convolution(Stationary, name="convolution"):
     complete: ClassVar[bool] = True
 
     @classmethod
+    def obstacles(cls, scene: Scene) -> list[str]:
+        """Say why it cannot draw a scene, whatever its memory effect."""
+        if not scene.hides_object:
+            return ["images hidden objects, and knows nothing between beams of a stack"]
+        if object_of(scene).brightness.size == 1:
+            return ["moves a pattern with every pixel of an object, of which there is one"]
+        return ["knows no analysers"] if scene.polarisers is not None else super().obstacles(scene)
+
+    @classmethod
     def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
         """The sampler for a scene where C_I is 1 over the whole object within the tolerance, or which asks for it."""
         asked = request.asked == cls.name
-        obstacle = convolution_obstacle(scene) or stationary_obstacle(scene, request.reverse)
-        if obstacle:
-            if asked:
-                reject("sampler", '"stationary" or "auto" for this scene', cls.name,
-                       f"The convolution sampler {obstacle}.")  # fmt: skip
+        obstacles = cls.obstacles(scene) or ["has no reversed paths"] * request.reverse
+        if obstacles and asked:
+            reject("sampler", '"stationary" or "auto" for this scene', cls.name,
+                   f"The convolution sampler {obstacles[0]}.")  # fmt: skip
+        if obstacles:
             return None, []
         lost, error = scene_loss(scene)
         enough = lost + 2 * error <= request.tolerance
@@ -113,15 +121,6 @@ class Complete:
         return self.count
 
 
-def convolution_obstacle(scene: Scene) -> str | None:
-    """What keeps the convolution sampler from a scene, whatever its memory effect; None where nothing does."""
-    if not scene.hides_object:
-        return "images hidden objects, and knows nothing between beams of a stack"
-    if object_of(scene).brightness.size == 1:
-        return "moves a pattern with every pixel of an object, of which there is one"
-    return "knows no analysers" if scene.polarisers is not None else None
-
-
 @remembered(64)
 def scene_loss(scene: Scene) -> tuple[float, float]:
     """1 - C_I between the farthest corners of a scene's object, and its standard error: of the atlas, or of a pilot."""
@@ -132,9 +131,9 @@ def _scene_loss(scene: Scene) -> tuple[float, float]:
     """What :func:`scene_loss` finds."""
     from specklegen.memory_effects.correlation import estimate_correlation
 
-    light, slab = object_of(scene), as_slab(scene.slab)
+    light = object_of(scene)
     far = scene.wavenumber * light.pitch * np.hypot(*(n - 1 for n in light.brightness.shape))
-    correlation = None if slab is None else atlas_correlation(slab)
+    correlation = atlas_correlation(scene.slab)
     if correlation is None:
         correlation = estimate_correlation(scene.slab, _PATHS, pilot_seed(scene.unitless_fingerprint()), threads=1)
     if not correlation.weights.any():

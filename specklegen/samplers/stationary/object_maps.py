@@ -15,6 +15,12 @@ if TYPE_CHECKING:
     from specklegen.scene.scene import Scene
 
 
+def object_of(scene: Scene) -> IncoherentObject:
+    """The object of a scene that hides one."""
+    assert isinstance(scene.illumination, IncoherentObject)
+    return scene.illumination
+
+
 @dataclass(frozen=True, eq=False)
 class ObjectMaps:
     """A^2 over the pixels that shine, and those among them.

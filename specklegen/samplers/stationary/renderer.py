@@ -3,8 +3,9 @@
 All seeds of a scene share everything but their noise, so that is found once and kept (:data:`PREPARED`).
 """
 
+import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from specklegen.core.most_recent import MostRecent
 from specklegen.core.parallel import one_torch_thread
-from specklegen.core.random_streams import Seed
+from specklegen.core.random_streams import Seed, seed_words
 from specklegen.memory_effects.atlas import atlas_correlation
 from specklegen.memory_effects.kept import (
     axial_correlation,
@@ -24,9 +25,10 @@ from specklegen.memory_effects.kept import (
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.flows import drift_phases, drifted
 from specklegen.samplers.sampler import Realization, Where, image_of
-from specklegen.samplers.stationary.sampler import Stationary, object_of, polarised_seed
+from specklegen.samplers.stationary.envelope import Envelope
+from specklegen.samplers.stationary.object_maps import ObjectMaps, object_of
+from specklegen.samplers.stationary.rule import Form
 from specklegen.scene.illumination import directions_of_sines, reference_direction
-from specklegen.scene.media import as_slab
 from specklegen.scene.motion import law_of
 from specklegen.scene.scene import Scene
 
@@ -44,9 +46,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Prepared:
-    """What all seeds of a scene share, each part found when it is asked for first."""
+    """What all seeds of a scene share, each part found when it is asked for first.
 
-    sampler: Stationary
+    Attributes
+    ----------
+    scene, paths, form, complete, streamed, envelope, maps
+        As of :class:`~specklegen.samplers.stationary.sampler.Stationary`.
+    tabulated : bool
+        Whether the atlas has the memory-effect correlation.
+    threads : int or None
+    """
+
+    scene: Scene
+    paths: int
+    form: Form
+    tabulated: bool
+    complete: bool
+    streamed: bool
+    envelope: Envelope | None
+    maps: ObjectMaps | None
     threads: int | None
 
     @cached_property
@@ -54,17 +72,16 @@ class Prepared:
         self,
     ) -> "MemoryEffectCorrelation | ObliqueCorrelation | FilmCorrelation | PolarisedFields | PolarisedCorrelation":
         """The memory-effect correlation, of a film that in time as well."""
-        scene, paths = self.sampler.scene, self.sampler.paths
+        scene, paths = self.scene, self.paths
         if scene.polarisers is not None:
             return self._polarised_correlation if scene.hides_object else self._polarised_fields
         if scene.film:
             return self._film
-        if self.sampler.tabulated is not None:
-            slab = as_slab(scene.slab)
-            correlation = None if slab is None else atlas_correlation(slab, np.inf)
+        if self.tabulated:
+            correlation = atlas_correlation(scene.slab, np.inf)
             assert correlation is not None, "the planner has seen it there"
             return correlation
-        if self.sampler.form == "axial":
+        if self.form == "axial":
             return axial_correlation(scene.slab, paths, threads=self.threads)
         light, view = reference_direction(scene.beams.directions), scene.grid.center_direction
         return oblique_correlation(scene.slab, light, view, paths, threads=self.threads)
@@ -72,12 +89,12 @@ class Prepared:
     @cached_property
     def _polarised_fields(self) -> "PolarisedFields":
         """Both components of beams, of a film at its times."""
-        scene = self.sampler.scene
+        scene = self.scene
         assert scene.polarisers is not None, "asked for"
         light, view = reference_direction(scene.at_rest.beams.directions), scene.grid.center_direction
-        ends = (AXIS, AXIS) if self.sampler.form == "axial" else (light, view)
+        ends = (AXIS, AXIS) if self.form == "axial" else (light, view)
         fields = polarised_fields(
-            scene.slab, scene.polarisers, *ends, self.sampler.paths, transfer=scene.film, threads=self.threads
+            scene.slab, scene.polarisers, *ends, self.paths, transfer=scene.film, threads=self.threads
         )
         if not scene.film:
             return fields
@@ -88,18 +105,18 @@ class Prepared:
     @cached_property
     def _polarised_correlation(self) -> "PolarisedCorrelation":
         """K of a hidden object's pixels behind the analyser, which is not round."""
-        scene = self.sampler.scene
+        scene = self.scene
         assert scene.polarisers is not None, "asked for"
-        return polarised_correlation(scene.slab, scene.polarisers, self.sampler.paths, threads=self.threads)
+        return polarised_correlation(scene.slab, scene.polarisers, self.paths, threads=self.threads)
 
     @property
     def _film(self) -> "FilmCorrelation":
         """Correlation of the light and view in the middle, as if at rest."""
         from specklegen.memory_effects.film import FilmCorrelation
-        scene, axial = self.sampler.scene, self.sampler.form == "axial"
+        scene, axial = self.scene, self.form == "axial"
         light, view = reference_direction(scene.at_rest.beams.directions), scene.grid.center_direction
         ends = (AXIS, AXIS) if axial else (light, view)
-        ways = oblique_correlation(scene.slab, *ends, self.sampler.paths, transfer=True, threads=self.threads)
+        ways = oblique_correlation(scene.slab, *ends, self.paths, transfer=True, threads=self.threads)
         law = law_of(scene.slab.motions)
         assert law is not None, "a film is of a medium that moves"
         shifts = None if drifted(scene) is not None else ways.doppler
@@ -112,18 +129,18 @@ class Prepared:
         from specklegen.synthesis.many_tilts import many_tilts
         from specklegen.synthesis.stacks import stack_sampler, tilt_roots
 
-        scene = self.sampler.scene
+        scene = self.scene
         roots = causal_root if scene.film else tilt_roots
         if scene.polarisers is not None:
             both: Any = self._polarised_fields
             return stack_sampler(
-                scene, both, roots=lambda full: both.analysed(roots(full)), drift=self.sampler.drift
+                scene, both, roots=lambda full: both.analysed(roots(full)), drift=self.drift
             )
         correlation: Any = self.correlation
-        many = None if scene.film or self.sampler.drift is not None else many_tilts(scene, correlation)
+        many = None if scene.film or self.drift is not None else many_tilts(scene, correlation)
         if many is not None:
             return many
-        return stack_sampler(scene, correlation, roots=roots, drift=self.sampler.drift)
+        return stack_sampler(scene, correlation, roots=roots, drift=self.drift)
 
     @cached_property
     def imaging(self) -> "Imaging":
@@ -134,30 +151,35 @@ class Prepared:
         from specklegen.memory_effects.polarised_fields import PolarisedCorrelation
         from specklegen.synthesis.objects import object_imaging
 
-        scene = self.sampler.scene
+        scene = self.scene
         beams, grid = object_of(scene), scene.grid
         # modes need a real K, which that of the axis is
         assert isinstance(self.correlation, MemoryEffectCorrelation | PolarisedCorrelation)
         correlation = self.correlation
-        if self.sampler.complete:
+        if self.complete:
             correlation = replace(correlation, radius=np.zeros_like(correlation.radius))
         imaging = object_imaging(
             correlation, wavelength=scene.wavelength, object_shape=beams.brightness.shape,
             object_pitch=beams.pitch, width=beams.width, profile=beams.profile, grid=grid,
         )  # fmt: skip
-        if self.sampler.maps is None:
+        if self.maps is None:
             return imaging
-        gains, polynomials = (torch.from_numpy(each).to(imaging.envelope) for each in self.sampler.maps.arrays())
+        gains, polynomials = (torch.from_numpy(each).to(imaging.envelope) for each in self.maps.arrays())
         return replace(imaging, gains=gains[None], polynomials=polynomials)
+
+    @property
+    def drift(self) -> np.ndarray | None:
+        """How far along its faces a medium that moves as one has come at each beam, float64[T, 2]; None of others."""
+        return None if self.moved is None else self.moved[:, :2]
 
     @cached_property
     def moved(self) -> np.ndarray | None:
         """How far a medium that moves as one has come at each beam, float64[T, 3]; None of others."""
-        return drifted(self.sampler.scene)
+        return drifted(self.scene)
 
     def turned(self, tilts: slice) -> np.ndarray:
         """Phasors complex64[T, H, W] of some tilts, by which a medium that moves as one turns the field of views."""
-        scene, grid = self.sampler.scene, self.sampler.scene.grid
+        scene, grid = self.scene, self.scene.grid
         assert self.moved is not None
         views = directions_of_sines("view", np.stack(np.meshgrid(*grid.sines), axis=-1), grid.sign)
         some = scene.replace(illumination=scene.beams.of(np.arange(len(scene.lights))[tilts]))
@@ -166,21 +188,33 @@ class Prepared:
     @cached_property
     def gains(self) -> np.ndarray:
         """A of every tilt and view, float32[T, H, W]."""
-        return np.stack([self.gain(t) for t in range(len(self.sampler.scene.beams.directions))])
+        return np.stack([self.gain(t) for t in range(len(self.scene.beams.directions))])
 
     def gain(self, t: int) -> np.ndarray:
         """A of one tilt, float32[H, W]."""
-        scene, envelope = self.sampler.scene, self.sampler.envelope
+        scene, envelope = self.scene, self.envelope
         assert envelope is not None
         views = np.stack(np.meshgrid(*scene.grid.sines), axis=-1)
         return np.sqrt(envelope.intensity(scene.beams.directions[t, :2], views)).astype(np.float32)
 
 
-_Key = tuple[Scene, int, str, bool, bool, bool, bool]
+_Key = tuple[Scene, int, Form, bool, bool, bool, bool]
+_GIVEN = {each.name for each in fields(Prepared)}
 PREPARED: MostRecent[_Key, Prepared] = MostRecent(
-    2**28, held=lambda kept: {name: each for name, each in vars(kept).copy().items() if name != "sampler"}
+    2**28, held=lambda kept: {name: each for name, each in vars(kept).copy().items() if name not in _GIVEN}
 )
 """Scenes that were drawn last, by all that decides what is kept of them."""
+
+
+def polarised_seed(seed: Seed, scene: Scene) -> Seed:
+    """Seed of the noise of a hidden object's modes: one for each light and analyser, whose speckle is then its own.
+
+    Modes belong to what one analyser passes; under one seed those of two would be drawn with one noise.
+    """
+    if scene.polarisers is None:
+        return seed
+    fields = np.concatenate(scene.polarisers.fields).round(12) + 0.0
+    return (*seed_words(seed), *np.frombuffer(hashlib.sha256(fields.tobytes()).digest()[:8], np.uint32).tolist())
 
 
 @dataclass(frozen=True)
@@ -193,12 +227,12 @@ class StationaryRenderer:
     def media(self, count: int) -> Iterator[Realization]:
         """One transform each."""
         shared = self.shared
-        scene = shared.sampler.scene
+        scene = shared.scene
         hidden = scene.hides_object
         for number in range(count):
             with one_torch_thread():  # the white noise as well
                 drawn = (self._image(number) if hidden else shared.stacks.sample(self.seed, number)).numpy()
-            drawn = drawn if hidden or shared.sampler.envelope is None else drawn * shared.gains
+            drawn = drawn if hidden or shared.envelope is None else drawn * shared.gains
             drawn = drawn if shared.moved is None else drawn * shared.turned(slice(None))
             if number == count - 1:
                 PREPARED.trim()
@@ -207,14 +241,14 @@ class StationaryRenderer:
     def fields(self, number: int) -> Iterator[tuple[Where, np.ndarray]]:
         """Tilt by tilt: the noise is held, no stack."""
         shared = self.shared
-        rows, columns = shared.sampler.scene.sensor.shape
+        rows, columns = shared.scene.sensor.shape
         for t, drawn in enumerate(shared.stacks.one_by_one(self.seed, number)):
             field = drawn.numpy()
-            if shared.sampler.envelope is not None:
+            if shared.envelope is not None:
                 field = field * shared.gain(t)
             if shared.moved is not None:
                 field = field * shared.turned(slice(t, t + 1))
-            if t == len(shared.sampler.scene.beams.directions) - 1:
+            if t == len(shared.scene.beams.directions) - 1:
                 PREPARED.trim()
             yield (slice(t, t + 1), slice(0, rows), slice(0, columns)), field
 
@@ -223,18 +257,18 @@ class StationaryRenderer:
         from specklegen.synthesis.stacks import mean_intensity
 
         shared = self.shared
-        beams = shared.sampler.scene.illumination
-        light = object_media(shared.imaging, polarised_seed(self.seed, shared.sampler.scene), number)
+        beams = shared.scene.illumination
+        light = object_media(shared.imaging, polarised_seed(self.seed, shared.scene), number)
         seen = light.seen(shared.imaging.modes.new_tensor(beams.brightness)[None])[0, 0]
         return seen * mean_intensity(shared.correlation, beams.window.area)  # type: ignore[union-attr]
 
 
-def stationary_renderer(sampler: Stationary, seed: Seed, threads: int | None) -> StationaryRenderer:
-    """Media of a sampler under a seed, with what is there already from other seeds."""
+def stationary_renderer(prepared: Prepared, seed: Seed) -> StationaryRenderer:
+    """Return media under a seed, with what is there already from other seeds of the same scene."""
     if estimated_under() is not None:
-        return StationaryRenderer(Prepared(sampler, threads), seed)
+        return StationaryRenderer(prepared, seed)
     key = (
-        sampler.scene, sampler.paths, sampler.form, sampler.tabulated is not None, sampler.envelope is not None,
-        sampler.streamed, sampler.complete,
+        prepared.scene, prepared.paths, prepared.form, prepared.tabulated, prepared.envelope is not None,
+        prepared.streamed, prepared.complete,
     )  # fmt: skip
-    return StationaryRenderer(PREPARED.found(key, lambda: Prepared(sampler, threads)), seed)
+    return StationaryRenderer(PREPARED.found(key, lambda: prepared), seed)

@@ -10,8 +10,7 @@ from specklegen.core.kept_results import kept_result
 from specklegen.core.values import remembered
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.flows import drifted, uneven_turn
-from specklegen.paths.steps import refracting_layers
-from specklegen.paths.tracer import lock_step_obstacle, slab_tracer
+from specklegen.paths.tracer import slab_tracer
 from specklegen.samplers.sampler import Request
 from specklegen.samplers.stationary.envelope import Envelope
 from specklegen.samplers.stationary.object_maps import ObjectMaps, object_maps
@@ -26,7 +25,7 @@ from specklegen.samplers.stationary.stationarity import (
 from specklegen.scene.illumination import reference_direction
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
-from specklegen.synthesis.exit_grid import stack_axes
+from specklegen.synthesis.exit_grid import Axis, stack_axes
 
 Form = Literal["axial", "oblique"]
 _FORMS = {"axial": "correlation of the axis", "oblique": "correlation about its own direction"}
@@ -59,12 +58,15 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
     views; and where nothing but intensities are off, one of them under an envelope.
     See docs/physics.md 9.
     """
-    obstacle = stationary_obstacle(scene, request.reverse)
-    if lock_step_obstacle(scene) is None and refracting_layers(scene.slab):
+    obstacle = obstacle_of(scene) or ("has no reversed paths" if request.reverse else None)
+    if scene.refracts_inside:
         decision = refracting_decision(scene, request, obstacle)
         return (Model("axial") if decision.needed else None), decision
-    asked = request.asked == "stationary"
-    models = [] if obstacle else _models(scene, request.envelope)
+    asked, models = request.asked == "stationary", list[Model]()
+    if obstacle is None and request.envelope:
+        models = [Model(form, enveloped) for enveloped in (False, True) for form in _forms(scene)]
+    elif obstacle is None:  # of a recipe's media that of the axis alone
+        models = [Model("axial")] if "axial" in _forms(scene) else []
     if scene.polarisers is not None:  # envelopes are those of light that is the same whichever way it is turned
         models = [model for model in models if not model.enveloped]
     if not models:
@@ -107,49 +109,58 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
     return best if accepted else None, Decision(_PART, accepted, reason)
 
 
-def stationary_obstacle(scene: Scene, reverse: bool) -> str | None:
-    """What keeps the stationary sampler from serving a scene at all; None where it may."""
-    other = lock_step_obstacle(scene)
+@remembered(64)
+def exit_axes(scene: Scene) -> tuple[Axis, Axis]:
+    """Return the cells of the exit plane for a scene, wider where its medium moves as one.
+
+    Raises
+    ------
+    RuleError
+        If the tilts, or the medium, reach too far for a transform of reasonable size.
+    """
+    moved = drifted(scene)
+    return stack_axes(scene, None if moved is None else moved[:, :2])
+
+
+@remembered(64)
+def obstacle_of(scene: Scene) -> str | None:
+    """Say what keeps the stationary sampler from drawing a scene at all; None where nothing does."""
+    other = scene.lock_step_obstacle
     if other:
         return f"needs beams through a slab, seen from afar: {other}"
+    if scene.film and scene.volume.flows:
+        obstacle = _flow_obstacle(scene)
+        if obstacle:
+            return obstacle
     if not isinstance(scene.sensor, FarFieldGrid):
         return "needs a regular far-field grid"
-    if reverse:
-        return "has no reversed paths"
     if scene.slab.albedo == 0 or scene.slab.thickness == 0:
         return "has nothing to do: nothing scatters"
     if not _forms(scene):
         return "serves hidden objects in transmission only"
     try:
-        stack_axes(scene)
+        exit_axes(scene)
     except RuleError as error:
         return f"cannot draw it: {error}"
     return None
 
 
-def flow_obstacle(scene: Scene) -> str | None:
-    """What of a flow keeps the stationary sampler from drawing a film; None where nothing does."""
-    if not (scene.film and scene.volume.flows) or lock_step_obstacle(scene):
-        return None
+def _flow_obstacle(scene: Scene) -> str | None:
+    """Say what of a flow keeps the stationary sampler from drawing a film; None where nothing does."""
     moved = drifted(scene)
-    if moved is None:
-        turn = uneven_turn(scene)
-        if turn <= _MOST_TURN:
-            return None
-        return (
-            f"knows flows in the middle of beams and views: at the outer ones paths turn by up to {turn:.2g} rad more, "
-            f"allowed {_MOST_TURN:g}"
-        )
-    if moved[:, 2].any():
-        return "draws no medium that moves along the axis"
-    try:
-        stack_axes(scene, moved[:, :2])
-    except RuleError as error:
-        return f"cannot draw it: {error}"
-    return None
+    if moved is not None:
+        return "draws no medium that moves along the axis" if moved[:, 2].any() else None
+    turn = uneven_turn(scene)
+    if turn <= _MOST_TURN:
+        return None
+    return (
+        f"knows flows in the middle of beams and views: at the outer ones paths turn by up to {turn:.2g} rad more, "
+        f"allowed {_MOST_TURN:g}"
+    )
 
 
-def _forms(scene: Scene) -> list[Form]:
+@remembered(64)
+def _forms(scene: Scene) -> tuple[Form, ...]:
     """Forms of the correlation that may serve a scene, the one to prefer first.
 
     That of the axis is for transmission; a hidden object's modes need its symmetry. The oblique one is the
@@ -161,15 +172,7 @@ def _forms(scene: Scene) -> list[Form]:
     oblique = not np.allclose(middle, AXIS, rtol=0, atol=1e-9)
     oblique = oblique and not scene.hides_object
     axial = axial and not (oblique and scene.polarisers is not None)
-    return [*(["axial"] if axial else []), *(["oblique"] if oblique else [])]  # type: ignore[list-item]
-
-
-def _models(scene: Scene, envelope: bool) -> list[Model]:
-    """Models that may serve a scene, the one to prefer first; of a recipe's media that of the axis alone."""
-    forms = _forms(scene)
-    if not envelope:
-        return [Model("axial")] if "axial" in forms else []
-    return [Model(form, enveloped) for enveloped in (False, True) for form in forms]
+    return (*(("axial",) if axial else ()), *(("oblique",) if oblique else ()))
 
 
 def _carried(scene: Scene, model: Model) -> bool:

@@ -4,45 +4,40 @@ Where narrow lobes keep light about its beam, each field is multiplied by an env
 image of a hidden object is a sum of images under maps that make up the envelope of every pixel.
 """
 
-import hashlib
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from specklegen.core.budgets import DEFAULT_PATHS
 from specklegen.core.decision import Decision
-from specklegen.core.errors import reject
 from specklegen.core.kept_results import kept_result
-from specklegen.core.random_streams import Seed, pilot_seed, seed_words
+from specklegen.core.nanoseconds import Cost
+from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.statistics import BATCHES
 from specklegen.core.values import remembered
 from specklegen.memory_effects.atlas import TOLERANCE, Errors, atlas_correlation, atlas_errors
 from specklegen.paths.axial_pilot import AxialPilot, axial_pilot
-from specklegen.paths.flows import drifted
 from specklegen.paths.pilot import Pilot, scene_pilot
-from specklegen.paths.steps import refracting_layers
 from specklegen.samplers.sampler import (
     FIXED_BYTES,
     TORCH_BYTES,
+    Abilities,
     MediaRequest,
+    MediaSampler,
     Request,
-    Sampler,
 )
 from specklegen.samplers.stationary.envelope import Envelope
-from specklegen.samplers.stationary.object_maps import ObjectMaps
+from specklegen.samplers.stationary.object_maps import ObjectMaps, object_of
 from specklegen.samplers.stationary.rule import (
     Form,
-    flow_obstacle,
+    exit_axes,
+    obstacle_of,
     scene_envelope,
     scene_object_maps,
     stationary_decision,
 )
-from specklegen.scene.illumination import IncoherentObject
-from specklegen.scene.media import as_slab
 from specklegen.scene.scene import Scene
-from specklegen.synthesis.exit_grid import fft_flops, matrix_flops, stack_axes
+from specklegen.synthesis.exit_grid import fft_flops, matrix_flops
 
 if TYPE_CHECKING:
     from specklegen.memory_effects.correlation import MemoryEffectCorrelation
@@ -52,14 +47,13 @@ if TYPE_CHECKING:
     from specklegen.synthesis.sight import Sight
 
 
-_CORRELATION = "memory-effect correlation"
 _PATHS = 6000  # that tell K where only the cost of an image is asked for
 BYTES_A_PIXEL = 400
 """Of a hidden object's pixels as values: their brightness, directions, and what they are known by, as text."""
 
 
 @dataclass(frozen=True)
-class Stationary(Sampler, name="stationary"):
+class Stationary(MediaSampler, name="stationary"):
     """The stationary sampler of a scene, dimensioned; see :class:`specklegen.samplers.sampler.Sampler`.
 
     Attributes
@@ -92,37 +86,41 @@ class Stationary(Sampler, name="stationary"):
 
     summation = "FFT or matrix products"
     error_of = "intensity scale"
-    thin = False
-    films = True
+    abilities = Abilities(media="volumes", lens="face", films=True)
     reverse = False
-    images = True
-    from_face = True
     complete: ClassVar[bool] = False
     """Whether the memory effect over a hidden object is taken as complete, as by the convolution sampler."""
 
     @classmethod
+    def obstacles(cls, scene: Scene) -> list[str]:
+        """Say why it cannot draw a scene at all."""
+        return super().obstacles(scene) or [each for each in (obstacle_of(scene),) if each]
+
+    @classmethod
     def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:
         """The stationary sampler for a scene, where its correlations are right within the tolerance."""
-        obstacle = flow_obstacle(scene)
-        if obstacle:
-            if request.asked == cls.name:
-                reject("sampler", '"paths" or "auto" for this scene', request.asked,
-                       f"The stationary sampler {obstacle}.")  # fmt: skip
-            return None, [Decision("stationary sampler", False, obstacle)]
         rest = scene.at_rest  # a film's tilts are judged without its times
+        obstacle = obstacle_of(scene) if scene.film else None
+        if obstacle:
+            return None, [Decision("stationary sampler", False, obstacle)]
         model, decision = stationary_decision(rest, request)
         if model is None:
             return None, [decision]
         envelope = scene_envelope(rest, model.form == "oblique") if model.enveloped else None
-        pilot = axial_pilot(rest) if refracting_layers(rest.slab) else scene_pilot(rest, False)
-        paths, tabulated = request.paths, None
-        if paths is None:
-            tabulated = _tabulated(scene, model.form, request.tolerance)
-            wanted = DEFAULT_PATHS if request.rel_error is None else pilot.moments.paths_for(request.rel_error)
-            paths = wanted if tabulated is None else 0
+        pilot = axial_pilot(rest) if scene.refracts_inside else scene_pilot(rest, False)
+        tabulated = None if request.paths is not None else _tabulated(scene, model.form, request.tolerance)
+        if tabulated is None:
+            paths = request.paths_by(pilot.moments)
+            source = f"estimated by {paths} paths under the medium's seed, once for all seeds"
+        else:
+            paths = 0
+            source = (
+                f"from the atlas: |K|^2 within {tabulated.correlation:.2g}, intensities within "
+                f"{tabulated.intensity:.2g}; paths= estimates it instead"
+            )
         hidden = envelope is not None and not scene.illumination.images
         maps = scene_object_maps(rest) if hidden else None
-        decisions = [decision, _source(paths, tabulated)]
+        decisions = [decision, Decision("memory-effect correlation", True, source)]
         return cls(scene, paths, model.form, pilot, request.streamed, envelope, maps, tabulated), decisions
 
     @property
@@ -137,53 +135,29 @@ class Stationary(Sampler, name="stationary"):
         """Largest mean intensity among the pilot's lights and views."""
         return self.pilot.intensity
 
-    @property
-    def drift(self) -> np.ndarray | None:
-        """How far along its faces a medium that moves as one has come at each beam, float64[T, 2]; None of others."""
-        moved = drifted(self.scene)
-        return None if moved is None else moved[:, :2]
-
-    def _estimate(self) -> dict[str, float]:
-        return self._tracing() | {"correlation batch": min(BATCHES, self.paths)}
-
-    def _tracing(self) -> dict[str, float]:
+    def cost(self) -> Cost:
+        """Count the operations of the correlation, once, and of one stack, or of an object's image by its modes."""
         connections = self.paths * self.pilot.connections_per_path
         events = self.paths * self.pilot.events_per_path
-        return {"path": self.paths, self.pilot.event: events, "connection": connections}
-
-    def operations(self) -> Mapping[str, float]:
-        """Operations of the correlation and of one stack, or of the image of an object by its modes."""
+        tracing = {"path": self.paths, self.pilot.event: events, "connection": connections}
+        anew = f"tracing {self.paths} paths anew for every realization, all fields aside,"
+        others = {anew: tracing} if self.paths else {}
+        estimate = tracing | {"correlation batch": min(BATCHES, self.paths)}
         if self.scene.hides_object:
             images = 1 if self.maps is None else self.maps.count  # each under its part of the envelope
             each = _expected_image(self.scene, self.complete).operations
-            return self._estimate() | {n: images * x for n, x in each}
-        grid = self.scene.grid
-        x, y = stack_axes(self.scene, self.drift)
-        tilts, views = len(self.scene.beams.directions), np.prod(grid.shape)
-        size = x.count * y.count
-        phasors = self.paths * self.pilot.connections_per_path if self.form == "oblique" else 0.0
-        return self._estimate() | {
+            first = estimate | {name: images * count for name, count in each}
+            once = {name: count for name, count in first.items() if name not in ("normal", "image")}
+            return Cost(first, once, others)
+        grid, (x, y) = self.scene.grid, exit_axes(self.scene)
+        tilts, views, size = len(self.scene.beams.directions), np.prod(grid.shape), x.count * y.count
+        phasors = {"phasor": tilts * (connections if self.form == "oblique" else 0.0)}
+        first = estimate | {
             "normal": tilts * size,
             "flop": tilts * (8.0 * tilts * size + min(matrix_flops(x, y, grid.shape), fft_flops(x, y))),
             "stack view": tilts * ((1 if self.envelope is None else 2) * views + 4.0 * size),
-            "phasor": tilts * phasors,
-        }
-
-    def setup(self) -> Mapping[str, float]:
-        """Operations of the correlation, and of the modes of an object."""
-        if self.scene.hides_object:
-            drawn = ("normal", "image")
-            return {name: count for name, count in self.operations().items() if name not in drawn}
-        operations = self._estimate()
-        if self.form == "oblique":
-            operations["phasor"] = self.operations()["phasor"]
-        return operations
-
-    def alternatives(self) -> Mapping[str, Mapping[str, float]]:
-        """Fresh paths for every realization."""
-        if not self.paths:
-            return {}
-        return {f"tracing {self.paths} paths anew for every realization, all fields aside,": self._tracing()}
+        }  # fmt: skip
+        return Cost(first | phasors, estimate | (phasors if self.form == "oblique" else {}), others)
 
     def memory(self, threads: int) -> int:
         """Bytes by which the process grows at most."""
@@ -199,7 +173,7 @@ class Stationary(Sampler, name="stationary"):
             correlation += views * (64 + 4 * (1 if self.streamed else tilts))
         if not self.streamed:
             return int(correlation + 8 * views * tilts * 4 + TORCH_BYTES + FIXED_BYTES)
-        x, y = stack_axes(self.scene, self.drift)
+        x, y = exit_axes(self.scene)
         cells, period = float(x.count * y.count), float(x.period * y.period)
         return int(correlation + cells * (8 * tilts + 64) + 8 * 4 * period + 48 * views + TORCH_BYTES + FIXED_BYTES)
 
@@ -213,9 +187,13 @@ class Stationary(Sampler, name="stationary"):
 
     def prepare(self, seed: Seed, threads: int | None) -> "StationaryRenderer":
         """Make ready to draw; what all seeds share is found at the first draw of any."""
-        from specklegen.samplers.stationary.renderer import stationary_renderer
+        from specklegen.samplers.stationary.renderer import Prepared, stationary_renderer
 
-        return stationary_renderer(self, seed, threads)
+        prepared = Prepared(
+            self.scene, self.paths, self.form, self.tabulated is not None, self.complete, self.streamed, self.envelope,
+            self.maps, threads,
+        )  # fmt: skip
+        return stationary_renderer(prepared, seed)
 
 
 def _tabulated(scene: Scene, form: Form, tolerance: float) -> Errors | None:
@@ -223,23 +201,12 @@ def _tabulated(scene: Scene, form: Form, tolerance: float) -> Errors | None:
 
     The other half is that of the model.
     """
-    slab = as_slab(scene.slab)
-    if form != "axial" or scene.film or scene.polarisers is not None or slab is None:
+    if form != "axial" or scene.film or scene.polarisers is not None:
         return None
-    errors = atlas_errors(slab)
+    errors = atlas_errors(scene.slab)
     if errors is None or errors.correlation > min(tolerance / 2, TOLERANCE) or errors.intensity > tolerance:
         return None
     return errors
-
-
-def _source(paths: int, tabulated: Errors | None) -> Decision:
-    """Where the memory effect comes from."""
-    if tabulated is None:
-        return Decision(_CORRELATION, True, f"estimated by {paths} paths under the medium's seed, once for all seeds")
-    return Decision(
-        _CORRELATION, True, f"from the atlas: |K|^2 within {tabulated.correlation:.2g}, intensities within "
-        f"{tabulated.intensity:.2g}; paths= estimates it instead",
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -248,23 +215,6 @@ class _ImageWork:
 
     operations: tuple[tuple[str, float], ...]
     bytes: float
-
-
-def polarised_seed(seed: Seed, scene: Scene) -> Seed:
-    """Seed of the noise of a hidden object's modes: one for each light and analyser, whose speckle is then its own.
-
-    Modes belong to what one analyser passes; under one seed those of two would be drawn with one noise.
-    """
-    if scene.polarisers is None:
-        return seed
-    fields = np.concatenate(scene.polarisers.fields).round(12) + 0.0
-    return (*seed_words(seed), *np.frombuffer(hashlib.sha256(fields.tobytes()).digest()[:8], np.uint32).tolist())
-
-
-def object_of(scene: Scene) -> IncoherentObject:
-    """The object of a scene that hides one."""
-    assert isinstance(scene.illumination, IncoherentObject)
-    return scene.illumination
 
 
 @remembered(16)
@@ -285,8 +235,7 @@ def _image_work(scene: Scene, complete: bool) -> _ImageWork:
     if scene.polarisers is not None:
         correlation = estimate_polarised_correlation(scene.slab, scene.polarisers, _PATHS, seed, threads=1)
     else:
-        slab = as_slab(scene.slab)
-        correlation = None if slab is None else atlas_correlation(slab)
+        correlation = atlas_correlation(scene.slab)
         correlation = correlation or estimate_correlation(scene.slab, _PATHS, seed, threads=1)
     held = BYTES_A_PIXEL * light.brightness.size
     if not correlation.weights.any():  # which says nothing of modes

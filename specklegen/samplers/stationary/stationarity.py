@@ -54,17 +54,14 @@ class StationaryError:
 
     def accepts(self, tolerance: float) -> bool:
         """Both errors, two standard errors included, are within the tolerance."""
-        return self.correlated(tolerance) and self.intensity + 2 * self.intensity_error <= tolerance
+        pairs = (self.correlation, self.correlation_error), (self.intensity, self.intensity_error)
+        return all(deviation + 2 * error <= tolerance for deviation, error in pairs)
 
     def is_clear(self, tolerance: float, errors: float) -> bool:
         """Whether it is accepted or not, so many standard errors from the tolerance."""
         deviations = np.array([self.correlation, self.intensity])
         width = errors * np.array([self.correlation_error, self.intensity_error])
         return bool((deviations + width).max() <= tolerance or (deviations - width).max() > tolerance)
-
-    def correlated(self, tolerance: float) -> bool:
-        """Correlations are within the tolerance, two standard errors included."""
-        return self.correlation + 2 * self.correlation_error <= tolerance
 
     def uncorrelated(self, tolerance: float) -> bool:
         """Correlations are beyond the tolerance by two standard errors."""
