@@ -257,9 +257,11 @@ def test_a_field_of_a_camera_that_samples_do_not_know_is_refused(tmp_path):
     shop.change("what a camera does", "specklegen/instrument/camera.py", "    oversampling: PositiveInt = 1\n",
                 "    oversampling: PositiveInt = 1\n    filter: Positive = 1.0\n")  # fmt: skip
     code = (
-        "from specklegen.datasets.recipes.parts.exposure import numbers_of\n"
+        "import torch\n"
+        "from specklegen.datasets.recipes.parts.exposure import expose\n"
         "from specklegen.instrument import Camera\n"
-        "try:\n    numbers_of(Camera(photons=10.0))\nexcept ValueError as error:\n    print(error)"
+        "try:\n    expose(Camera(photons=10.0), torch.ones(1, 8, 8), torch.zeros(1, 4, 2))\n"
+        "except ValueError as error:\n    print(error)"
     )
     assert re.search(r"Recipe\.exposure must be a camera of fields that batches know; got .*filter", shop.run(code))
 

@@ -20,7 +20,8 @@ exposure, by :func:`incoherent_sum`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from math import prod
 from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -144,7 +145,18 @@ class Camera(Registered):
 
     def recorded(self, light: np.ndarray, keys: Sequence[tuple[int, int]]) -> np.ndarray:
         """Return counts of mean detected photons float64[..., H, W], at least 0, by the keys of the four noises."""
-        return counted(self, light, keys)
+        counts = counted(self.electronics, light, kernel_draws(keys, light.shape))
+        return counts.astype(np.float32 if self.bit_depth is None else np.uint16)
+
+    @property
+    def electronics(self) -> list[float]:
+        """Numbers behind the pixels: background, dark charge, full well, read noise, gain, offset, largest count.
+
+        The first four are in electrons; limits that the camera does not have are infinite.
+        """
+        well = np.inf if self.full_well is None else self.full_well
+        dark = self.dark_current * self.exposure
+        return [self.background, dark, well, self.read_noise, self.gain, self.offset, float(self.largest_count)]
 
     @property
     def largest_count(self) -> float:
@@ -230,22 +242,38 @@ def exposed(camera: Camera, image: np.ndarray, keys: Sequence[tuple[int, int]]) 
     return camera.recorded(light, keys)
 
 
-def counted(camera: Camera, light: np.ndarray, keys: Sequence[tuple[int, int]]) -> np.ndarray:
-    """Counts of mean detected photons float64[..., H, W], at least 0, by the keys of the four noises."""
-    shot, background, dark, read = keys
-    charge = np.zeros(light.size)
-    quantiles.add_poisson(*shot, light.ravel(), charge)
-    for mean, key in ((camera.background, background), (camera.dark_current * camera.exposure, dark)):
+def counted(electronics: Sequence[float], light: Any, drawn: Callable[..., Any]) -> Any:
+    """Return counts of mean detected photons float64[...], at least 0: an array of NumPy, or a tensor on any device.
+
+    ``drawn(noise, mean)`` makes one Poisson number a pixel, of the noise 0 (shot), 1 (background) or 2 (dark current);
+    ``drawn(3)`` makes normal numbers of variance 1 (reading out).
+    """
+    background, dark, full_well, read_noise, gain, offset, largest = electronics
+    charge = drawn(0, light)
+    for noise, mean in ((1, background), (2, dark)):
         if mean > 0:
-            add_poisson_field(charge, mean, key)
-    if camera.full_well is not None:
-        np.minimum(charge, camera.full_well, out=charge)
-    if camera.read_noise > 0:
-        quantiles.add_normal(*read, camera.read_noise, charge)
-    counts = (charge / camera.gain + camera.offset).reshape(light.shape)
-    if camera.bit_depth is None:
-        return counts.astype(np.float32)
-    return np.clip(np.rint(counts), 0, camera.largest_count).astype(np.uint16)
+            charge = charge + drawn(noise, mean)
+    charge = charge.clip(max=full_well)
+    if read_noise > 0:
+        charge = charge + read_noise * drawn(3)
+    counts = charge / gain + offset
+    return counts if largest == np.inf else counts.round().clip(0, largest)
+
+
+def kernel_draws(keys: Sequence[tuple[int, int]], shape: tuple[int, ...]) -> Callable[..., np.ndarray]:
+    """Return the draws of an image for :func:`counted`, by the kernels, from the keys of the four noises."""
+
+    def drawn(noise: int, mean: Any = None) -> np.ndarray:
+        numbers = np.zeros(prod(shape))
+        if mean is None:
+            quantiles.add_normal(*keys[noise], 1.0, numbers)
+        elif isinstance(mean, np.ndarray):
+            quantiles.add_poisson(*keys[noise], mean.ravel(), numbers)
+        else:
+            add_poisson_field(numbers, mean, keys[noise])
+        return numbers.reshape(shape)
+
+    return drawn
 
 
 def pixel_means(image: ArrayLike, factor: int) -> np.ndarray:

@@ -11,7 +11,6 @@ import torch
 import specklegen
 from specklegen.core.errors import RuleError
 from specklegen.datasets.recipes.parts import atlas_batches as atlas
-from specklegen.datasets.recipes.parts.exposure import numbers_of
 from specklegen.instrument.camera import Camera
 from specklegen.synthesis import mixtures
 from specklegen.synthesis.fused import FORMS, STEPWISE
@@ -147,7 +146,7 @@ def test_without_derivatives_operators_run_as_they_are():
 
 def test_counts_have_no_derivative():
     light, keys = put(2, 3, high=9.0), torch.arange(16).reshape(2, 4, 2)
-    numbers = numbers_of(Camera(photons=9.0))
+    numbers = Camera(photons=9.0).electronics
     assert torch.ops.specklegen.exposed(light, keys, numbers).shape == (2, 3)
     with pytest.raises(RuleError, match="exposed must be given tensors without a derivative"):
         torch.ops.specklegen.exposed(light.requires_grad_(), keys, numbers)

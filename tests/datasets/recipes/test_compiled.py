@@ -7,7 +7,6 @@ from specklegen.datasets.objects import glyph_batches
 from specklegen.datasets.recipes import generator, materials
 from specklegen.datasets.recipes.parts import source
 from specklegen.datasets.recipes.parts.atlas_batches import atlas_tables
-from specklegen.datasets.recipes.parts.exposure import numbers_of
 from specklegen.instrument.camera import Camera
 from specklegen.synthesis import fused
 from specklegen.synthesis.fused import FORMS
@@ -43,7 +42,7 @@ def arguments():
         "lag_transform": (double(2, 5), double(2), double(2), double(2), 4),
         "speckle_contrast": (torch.rand(2, 3, 4), double(2, 3, 4)),
         "turned": (outlines, torch.tensor([3, 500]), double(2)), "coverage": (edges, 20, 20),
-        "exposed": (90 * double(2, 30), words[:2, :, :2].repeat(1, 2, 1), numbers_of(camera)),
+        "exposed": (90 * double(2, 30), words[:2, :, :2].repeat(1, 2, 1), camera.electronics),
     }  # fmt: skip
 
 
