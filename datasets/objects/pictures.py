@@ -13,6 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from specklegen.instrument.tiff import read_tiff, require_small, with_plain_mode
+
 MOST_PIXELS = 2**26
 """Pixels of a picture, at most: 8192 x 8192."""
 
@@ -35,36 +37,24 @@ def read_grey(path: Path) -> np.ndarray:
     return _grey(_READERS[path.suffix.lower()](path))
 
 
-def _require_small(pixels: int) -> None:
-    if pixels > MOST_PIXELS:
-        raise ValueError(f"it has {pixels} pixels, more than {MOST_PIXELS}")
-
-
 def _read_common(path: Path) -> np.ndarray:
     from PIL import Image, ImageOps
 
     with Image.open(path, formats=("PNG", "JPEG")) as picture:
-        _require_small(picture.width * picture.height)
-        upright = ImageOps.exif_transpose(picture)
-        if upright.mode not in ("1", "L", "LA", "RGB", "RGBA") and not upright.mode.startswith(("I", "F")):
-            upright = upright.convert("RGBA" if upright.has_transparency_data else "RGB")
-        return np.asarray(upright)
+        require_small(picture.width * picture.height, MOST_PIXELS)
+        return np.asarray(with_plain_mode(ImageOps.exif_transpose(picture)))
 
 
 def _read_tiff(path: Path) -> np.ndarray:
-    from tifffile import TiffFile  # reads the 16-bit and float pictures that Pillow does not
-
-    with TiffFile(path) as file:
-        series = file.series[0]
-        if "S" not in series.axes and len(series.shape) > 2:  # pages, however few columns each has
-            raise ValueError(f"it has the shape {series.shape} along {series.axes}, not one grey or colour picture")
-        _require_small(_pixels(series.shape))
-        return series.asarray()
+    pages = read_tiff(path, MOST_PIXELS)
+    if len(pages) != 1:
+        raise ValueError(f"it has {len(pages)} pages, not one grey or colour picture")
+    return pages[0]
 
 
 def _read_numpy(path: Path) -> np.ndarray:
     mapped = np.load(path, mmap_mode="r", allow_pickle=False)  # the header; the numbers when they are asked for
-    _require_small(_pixels(mapped.shape))
+    require_small(_pixels(mapped.shape), MOST_PIXELS)
     return np.array(mapped)
 
 

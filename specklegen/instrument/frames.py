@@ -9,15 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from specklegen.instrument.tiff import read_tiff, require_small
+
 MOST_PIXELS = 2**28
 """Pixels of all frames of a file, at most: a minute of 2048 x 2048 at one a second."""
 
-_LOSSLESS = {1, 5, 8, 32773, 32946, 50000}  # none, LZW, deflate, PackBits, deflate, zstandard
-_WITHOUT_CODECS = {1, 8, 32773, 32946}  # that tifffile decodes by itself
-
 
 def read_frames(path: str | Path) -> np.ndarray:
-    """Read raw counts[n, h, w]: a TIFF of one or many pages, PNG, BMP, or an NPY of [h, w] or [n, h, w].
+    """Read raw counts[n, h, w]: a TIFF of one or many pages or planes, PNG, BMP, or an NPY of [h, w] or [n, h, w].
 
     Parameters
     ----------
@@ -52,33 +51,15 @@ def read_frames(path: str | Path) -> np.ndarray:
     return frames
 
 
-def _require_small(pixels: int) -> None:
-    if pixels > MOST_PIXELS:
-        raise ValueError(f"it has {pixels} pixels, more than {MOST_PIXELS}")
-
-
 def _read_tiff(path: Path) -> np.ndarray:
-    from tifffile import TiffFile
-
-    with TiffFile(path) as file:
-        pages = [page for page in file.pages]
-        shapes = {page.shape for page in pages}
-        if len(shapes) != 1 or len(pages[0].shape) != 2:
-            raise ValueError(f"its pages have the shapes {sorted(shapes)}, not one of rows and columns")
-        compressions = {int(page.compression) for page in pages}
-        if not compressions <= _LOSSLESS:
-            raise ValueError(f"it is compressed by a method (TIFF number {max(compressions)}) that may lose noise")
-        _require_small(len(pages) * prod(pages[0].shape))
-        if compressions <= _WITHOUT_CODECS:
-            return np.stack([page.asarray() for page in pages])
-    return _read_common(path, "TIFF")
+    return read_tiff(path, MOST_PIXELS, lossless=True)
 
 
 def _read_common(path: Path, format: str) -> np.ndarray:
     from PIL import Image, ImageSequence
 
     with Image.open(path, formats=(format,)) as picture:
-        _require_small(picture.width * picture.height * getattr(picture, "n_frames", 1))
+        require_small(picture.width * picture.height * getattr(picture, "n_frames", 1), MOST_PIXELS)
         frames = []
         for page in ImageSequence.Iterator(picture):
             if page.mode not in ("1", "L", "F") and not page.mode.startswith("I"):
@@ -89,7 +70,7 @@ def _read_common(path: Path, format: str) -> np.ndarray:
 
 def _read_numpy(path: Path) -> np.ndarray:
     mapped = np.load(path, mmap_mode="r", allow_pickle=False)  # the header; the numbers when they are asked for
-    _require_small(prod(mapped.shape))
+    require_small(prod(mapped.shape), MOST_PIXELS)
     return np.array(mapped)[None] if mapped.ndim == 2 else np.array(mapped)
 
 

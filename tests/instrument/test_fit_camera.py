@@ -272,7 +272,7 @@ def test_frames_are_read_as_they_are(tmp_path, suffix):
 
 def test_files_that_are_no_frames_say_why(tmp_path):
     colours = Image.fromarray(np.zeros((20, 30, 3), np.uint8))
-    for name, words in (("a.png", "holds colours"), ("a.jpg", "compressed with loss"), ("a.tif", "its pages have"),
+    for name, words in (("a.png", "holds colours"), ("a.jpg", "compressed with loss"), ("a.tif", "grey counts"),
                         ("a.gif", "its name ends in none of")):  # fmt: skip
         colours.save(tmp_path / name)
         with pytest.raises(ValueError, match=words):

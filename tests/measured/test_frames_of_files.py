@@ -69,6 +69,34 @@ def test_numbers_are_those_that_were_written(write, tmp_path):
     assert len(found.files) == {write_array: 0, write_tiff: 2, write_bmp: 3, write_png: 3}.get(write, 1)
 
 
+@pytest.mark.filterwarnings("ignore:.*stored as RGB with separate component planes:DeprecationWarning")
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5])
+def test_frames_by_the_defaults_of_tifffile(count, tmp_path):
+    """Three and four frames are stored as planes of one page."""
+    frames = np.resize(COUNTS, (count, 24, 31))
+    tifffile.imwrite(tmp_path / "f.tif", frames)
+    assert np.array_equal(read_measurement(tmp_path / "f.tif", hot_pixels=False).light, frames)
+
+
+def test_frames_appended_one_by_one(tmp_path):
+    for frame in COUNTS:
+        tifffile.imwrite(tmp_path / "f.tif", frame, append=True)
+    assert np.array_equal(read_measurement(tmp_path / "f.tif", hot_pixels=False).light, COUNTS)
+    tifffile.imwrite(tmp_path / "f.tif", COUNTS[0, :20], append=True)
+    with pytest.raises(RuleError, match="its pages have the shapes"):
+        read_measurement(tmp_path / "f.tif")
+
+
+def test_files_named_by_metadata_are_not_read(tmp_path):
+    """OME metadata may spread a stack over several files; a file has its own pages alone."""
+    tifffile.imwrite(tmp_path / "other.ome.tif", COUNTS, metadata={"axes": "TYX"})
+    described = tifffile.tiffcomment(tmp_path / "other.ome.tif")
+    assert "<TiffData" in described
+    described = described.replace("<TiffData", '<TiffData FirstT="1"', 1)
+    tifffile.imwrite(tmp_path / "f.ome.tif", COUNTS[0], description=described, metadata=None)
+    assert np.array_equal(read_measurement(tmp_path / "f.ome.tif", hot_pixels=False).light, COUNTS[:1])
+
+
 @pytest.fixture
 def h5py():
     return pytest.importorskip("h5py")

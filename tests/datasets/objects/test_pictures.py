@@ -72,6 +72,19 @@ def test_odd_pictures_are_read(tmp_path):
         assert np.abs(read / read.max() - RAMP).max() < 0.5 / 255 + 1e-6, path.name  # half a step of eight bits
 
 
+def test_compressed_and_palette_tiffs_and_thumbnails_are_read(tmp_path):
+    """tifffile has no codec for the first, and takes the second for grey numbers."""
+    eight = np.rint(RAMP * 255).astype(np.uint8)
+    Image.fromarray(eight).save(tmp_path / "lzw.tif", compression="tiff_lzw")
+    Image.fromarray(eight).convert("P").save(tmp_path / "palette.tif")
+    with tifffile.TiffWriter(tmp_path / "thumbnail.tif") as file:
+        file.write(np.dstack([eight] * 3))
+        file.write(np.dstack([eight[:1, :2]] * 3), subfiletype=1)
+    for path in sorted(tmp_path.iterdir()):
+        read = read_grey(path)
+        assert np.abs(read / read.max() - RAMP).max() < 0.5 / 255 + 1e-6, path.name
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_corrupt_picture_is_named(tmp_path, suffix):
     (tmp_path / f"torn{suffix}").write_bytes(b"\x89PNG no more")
