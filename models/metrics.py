@@ -6,7 +6,7 @@ as wide as the object, cyclic shifts are plain shifts. Brightness has no scale o
 Jaccard index are of ``a * image + b``, a >= 0, fitted to the target by least squares (:func:`affine_fit`).
 
 Images and targets are float[..., H, W] of one shape, in torch; scores are float[...]. Images of one batch are
-independent. Targets have brightness 0 to 1, so ``data_range`` is 1 unless said otherwise.
+independent. Targets have brightness 0 to 1.
 """
 
 from typing import NamedTuple
@@ -100,21 +100,22 @@ def affine_fit(image: Tensor, target: Tensor) -> Tensor:
     return slope.clamp_min(0) * centred + mean
 
 
-def psnr(image: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
+def psnr(image: Tensor, target: Tensor) -> Tensor:
     """Peak signal-to-noise ratio after the affine fit, decibels float[...]; inf for a perfect image."""
     error = (affine_fit(image, target) - target).square().mean((-2, -1))
-    return 10 * torch.log10(data_range**2 / error)
+    return 10 * torch.log10(1 / error)
 
 
-def ssim(image: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
+def ssim(image: Tensor, target: Tensor) -> Tensor:
     """Structural similarity after the affine fit, float[...]: see :func:`structural_similarity`."""
-    return structural_similarity(affine_fit(image, target), target, data_range)
+    return structural_similarity(affine_fit(image, target), target)
 
 
-def structural_similarity(image: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
+def structural_similarity(image: Tensor, target: Tensor) -> Tensor:
     """Mean structural similarity of Wang et al. (2004), as it stands: Gaussian window of 11 pixels, sigma 1.5.
 
-    Only windows wholly inside the frame count, as in scikit-image. Differentiable.
+    Only windows wholly inside the frame count, as in scikit-image, whose function has no gradient: this one is a loss
+    too, on any device.
 
     Raises
     ------
@@ -135,15 +136,14 @@ def structural_similarity(image: Tensor, target: Tensor, data_range: float = 1.0
     a, b = smooth(image), smooth(target)
     spread_a, spread_b = smooth(image.square()) - a.square(), smooth(target.square()) - b.square()
     shared = smooth(image * target) - a * b
-    c1, c2 = (_K1 * data_range) ** 2, (_K2 * data_range) ** 2
-    top = (2 * a * b + c1) * (2 * shared + c2)
-    bottom = (a.square() + b.square() + c1) * (spread_a + spread_b + c2)
+    top = (2 * a * b + _K1**2) * (2 * shared + _K2**2)
+    bottom = (a.square() + b.square() + _K1**2) * (spread_a + spread_b + _K2**2)
     return (top / bottom).mean((-3, -2, -1)).reshape(image.shape[:-2])
 
 
-def jaccard(image: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
-    """Jaccard index float[...] of what is brighter than half the data range, after the affine fit; 1 if nothing is."""
-    a, b = affine_fit(image, target) > data_range / 2, target > data_range / 2
+def jaccard(image: Tensor, target: Tensor) -> Tensor:
+    """Jaccard index float[...] of what is brighter than one half, after the affine fit; 1 if nothing is."""
+    a, b = affine_fit(image, target) > 0.5, target > 0.5
     union = (a | b).sum((-2, -1))
     return torch.where(union > 0, (a & b).sum((-2, -1)) / union.clamp_min(1), 1.0)
 
