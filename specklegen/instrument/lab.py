@@ -31,7 +31,6 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
@@ -265,11 +264,6 @@ class LabSetup(Value):
         return self.wavelength * self.view_distance / self.aperture
 
     @property
-    def object_resolution(self) -> float:
-        """Distance on the object that moves the pattern by one speckle; a cell should not exceed half."""
-        return self.wavelength * self.object_distance / self.aperture
-
-    @property
     def wavenumber_bandwidth(self) -> float:
         """Full width of the spectrum in wavenumber inside the layer, 2 pi n bandwidth / lambda_0**2."""
         return 2 * math.pi * self.refractive_index * self.bandwidth / self.wavelength**2
@@ -307,26 +301,6 @@ class LabSetup(Value):
         coma = x / u * abs(1 / u**2 - lensless / v**2)
         defocus = x**2 / u**3 + lensless * s * (2 * h - s) / v**3
         return {"phi_1": (k / 4 * shift, 1), "phi_3": (k / 16 * coma, 3), "phi_4": (k * 3 / 16 * defocus, 2)}
-
-    def light_sine(self, position: ArrayLike) -> np.ndarray:
-        """Direction sine, in the layer, of the light from a place on the object along one axis."""
-        return -_sine(position, self.object_distance) / self.refractive_index
-
-    def view_sine(self, position: ArrayLike) -> np.ndarray:
-        """Direction sine, in the layer, of the light that reaches a place on the camera along one axis."""
-        return _sine(position, self.view_distance) / self.refractive_index
-
-    def object_position(self, light_sine: ArrayLike) -> np.ndarray:
-        """Place on the object whose light has a direction sine in the layer: the inverse of `light_sine`."""
-        return -_position("light sine", light_sine, self.refractive_index, self.object_distance)
-
-    def camera_position(self, view_sine: ArrayLike) -> np.ndarray:
-        """Place on the camera that a direction sine in the layer reaches: the inverse of `view_sine`."""
-        return _position("view sine", view_sine, self.refractive_index, self.view_distance)
-
-    def image_position(self, position: ArrayLike) -> np.ndarray:
-        """Place on the camera about which the pattern of a place on the object is centred."""
-        return self.magnification * np.asarray(position, dtype=np.float64)
 
     def scene(self, medium: Medium, brightness: ArrayLike, profile: Profile = "square") -> Scene:
         """Scene of an object, float[h, w], behind a layer, as the engine sees it.
@@ -380,62 +354,6 @@ class LabSetup(Value):
             shape=self.view_shape, pitch=self.pixel_pitch / self.oversampling, magnification=self.objective,
             aperture=self.numerical_aperture / self.refractive_index, focus=self.focus,
         )  # fmt: skip
-
-    @classmethod
-    def of_scene(
-        cls,
-        *,
-        medium_wavelength: float,
-        width: float,
-        view_pitch: float,
-        view_shape: tuple[int, int],
-        object_sines: float,
-        oversampling: int = 1,
-        refractive_index: float = 1.0,
-        **laboratory: Any,
-    ) -> Self:
-        """Laboratory that a scene describes: the inverse of the properties above.
-
-        Parameters
-        ----------
-        medium_wavelength, width, view_pitch, view_shape
-            As in the scene: wavelength in the layer, window width, pitch (sines) and shape of the views.
-        object_sines
-            Full extent of the object in direction sines, in the layer.
-        oversampling, refractive_index, laboratory
-            Fields of :class:`LabSetup` that a scene does not fix: object_distance; camera_distance or
-            focal_length; bandwidth.
-
-        Raises
-        ------
-        RuleError
-            If the view shape is no multiple of the oversampling, or the laboratory breaks a rule.
-        """
-        if view_shape[0] % oversampling or view_shape[1] % oversampling:
-            reject("LabSetup.of_scene view_shape", f"a multiple of the oversampling {oversampling}", view_shape)
-        distance = laboratory.get("camera_distance") or laboratory.get("focal_length") or math.nan
-        return cls(
-            wavelength=medium_wavelength * refractive_index,
-            aperture=width,
-            pixel_pitch=view_pitch * oversampling * refractive_index * distance,
-            pixels=(view_shape[0] // oversampling, view_shape[1] // oversampling),
-            object_extent=object_sines * refractive_index * laboratory.get("object_distance", math.nan),
-            oversampling=oversampling,
-            refractive_index=refractive_index,
-            **laboratory,
-        )
-
-
-def _sine(position: ArrayLike, distance: float) -> np.ndarray:
-    position = np.asarray(position, dtype=np.float64)
-    return position / np.hypot(distance, position)
-
-
-def _position(name: str, sine: ArrayLike, refractive_index: float, distance: float) -> np.ndarray:
-    outside = refractive_index * np.asarray(sine, dtype=np.float64)
-    if not (np.abs(outside) < 1).all():
-        reject(f"LabSetup {name}", f"below 1 / refractive_index = {1 / refractive_index:.4g} in size", sine)
-    return distance * outside / np.sqrt((1 - outside) * (1 + outside))
 
 
 def _down(value: float) -> float:
