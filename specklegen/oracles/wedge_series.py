@@ -82,12 +82,3 @@ def transition_function(x: np.ndarray) -> np.ndarray:
     """
     root = np.sqrt(np.asarray(x, float))
     return np.sqrt(np.pi) * root * np.exp(-0.25j * np.pi) * wofz(np.exp(0.25j * np.pi) * root)
-
-
-def knife_edge_loss(height: float, before: float, behind: float, wavelength: float) -> float:
-    """Loss in dB of a knife edge ``height`` above the line of sight: Fresnel integral, ITU-R P.526-15, 4.1."""
-    from scipy.special import fresnel
-
-    nu = height * np.sqrt(2 * (before + behind) / (wavelength * before * behind))
-    sine, cosine = fresnel(nu)
-    return float(-20 * np.log10(np.hypot(1 - cosine - sine, cosine - sine) / 2))

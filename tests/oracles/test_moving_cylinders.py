@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from references import moving_cylinders
+from references.moving_cylinders import moved, temporal_correlation
 from scipy.spatial.distance import pdist
 from zscore import assert_mean, assert_z
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
 from specklegen.core.statistics import batch_sums, jackknife
-from specklegen.oracles import moving_cylinders
 from specklegen.oracles.cylinder import Cylinder
-from specklegen.oracles.moving_cylinders import moved, temporal_correlation
 from specklegen.oracles.wave_ensemble import CylinderGas
 from specklegen.oracles.wave_solver import PlaneLights, directions_of
 from specklegen.paths.endpoint_factors import contributions

@@ -4,10 +4,10 @@ import warnings
 
 import numpy as np
 import pytest
+from references.cone_triangle import first_depth
 from wavetracing.cone_pairs import KINDS, boxes_in_cones, pairs, triangles_in_cones
 
 from specklegen.core.errors import DoubtWarning
-from specklegen.oracles.cone_triangle import first_depth
 from specklegen.wavetracing import Cone, Geometry, Mesh
 from specklegen.wavetracing.kernels.cones import CONE
 
