@@ -242,7 +242,7 @@ def test_four_tasks_are_performed_by_the_map(tmp_path):
     shop.change("what a camera does", camera, "return self.photons * pixel_means",
                 "return self.filter * self.photons * pixel_means")  # fmt: skip
     exposure = "datasets/recipes/parts/exposure.py"
-    shop.change("what a camera does", exposure, '_BEFORE = ("photons", ', '_BEFORE = ("photons", "filter", ')
+    shop.change("what a camera does", exposure, '    "photons", "overs', '    "photons", "filter", "overs')
     shop.change("what a camera does", exposure, "light = camera.photons *", "light = camera.filter * camera.photons *")
     planning = "specklegen/planning/planning.py"
     shop.change("a rule of the planner", planning, "SCENE_RULES: tuple", RULE)
@@ -260,7 +260,7 @@ def test_a_field_of_a_camera_that_samples_do_not_know_is_refused(tmp_path):
         "import torch\n"
         "from specklegen.datasets.recipes.parts.exposure import expose\n"
         "from specklegen.instrument import Camera\n"
-        "try:\n    expose(Camera(photons=10.0), torch.ones(1, 8, 8), torch.zeros(1, 4, 2))\n"
+        "try:\n    expose(Camera(photons=10.0, filter=0.5), torch.ones(1, 8, 8), torch.zeros(1, 4, 2))\n"
         "except ValueError as error:\n    print(error)"
     )
     assert re.search(r"Recipe\.exposure must be a camera of fields that batches know; got .*filter", shop.run(code))

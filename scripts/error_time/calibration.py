@@ -10,10 +10,10 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from references.correlation_transfer import field_correlation
 
 import specklegen as sg
 from specklegen.error_time import SAMPLERS, Sampler
-from specklegen.theory.correlation_transfer import field_correlation
 
 from .references import load
 from .scenes import SCENES, Case, slab

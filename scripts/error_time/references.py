@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from references.correlation_transfer import quadruple
 
 import specklegen as sg
 from specklegen.core.statistics import BATCHES
@@ -20,7 +21,6 @@ from specklegen.error_time import Estimate, Probes
 from specklegen.error_time.probes import only
 from specklegen.oracles import box_algorithms
 from specklegen.oracles.naive_covariance import naive_covariance
-from specklegen.theory.correlation_transfer import quadruple
 from specklegen.theory.phase_screens import coherence, tilt_ways
 
 from . import machine

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from references.correlation_transfer import field_correlation
 from scipy.optimize import brentq
 
 import specklegen as sg
 from specklegen.error_time import Probes
 from specklegen.oracles.cylinder import Cylinder
 from specklegen.scene.illumination import directions_of_sines
-from specklegen.theory.correlation_transfer import field_correlation
 
 WIDTH = 1e5
 PITCH = 0.45 / WIDTH  # direction sine; half a grain is the coarsest that resolves the speckle

@@ -1,12 +1,14 @@
 """What the figures of [Bar19] share: scenes, reference data, CPU clocks, rows of the table, their folder."""
 
 import os
+import sys
 import time
 from collections.abc import Iterable
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
+sys.path.append(str(Path(__file__).parents[2] / "tests"))  # right values: tests/references
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 

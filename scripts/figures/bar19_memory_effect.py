@@ -12,9 +12,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _bar19 import OUT, REFERENCE, Row, clock, report, save
 from _command import run
+from references.correlation_transfer import field_correlation
 
 import specklegen as sg
-from specklegen.theory.correlation_transfer import field_correlation
 from specklegen.theory.slab import memory_effect_diffusion, memory_effect_thick_slab
 
 WAVELENGTH, LENGTH = 0.5, 1000.0

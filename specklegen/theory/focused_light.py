@@ -12,7 +12,6 @@ ACM Trans. Graph. 39(6), 187 (2020).
 """
 
 import numpy as np
-from scipy.special import j1
 
 from specklegen.core.arguments import positive_number, real_array
 from specklegen.core.errors import reject
@@ -65,19 +64,3 @@ def gaussian_focus(
     scale = np.sqrt(4 * np.pi * np.tanh(kappa) / kappa) / wavelength  # of the root of the power through any plane
     sums = (np.exp(c - whole) - np.exp(-c - whole)) / c
     return scale * kappa / -np.expm1(-2 * kappa) * sums * np.exp(-1j * k * (places[:, 2] - focus[2]))
-
-
-def airy_focus(radius: np.ndarray, aperture: float, wavelength: float) -> np.ndarray:
-    """Field float64[...] of unit power in the focus of an evenly lit aperture, 2 J1(z) / z, z = k NA r.
-
-    Of small apertures: cos is 1 within NA^2 / 4 over the pupil. Its peak is sqrt(pi) NA / wavelength.
-
-    Examples
-    --------
-    >>> from specklegen.theory.focused_light import airy_focus
-    >>> float(abs(airy_focus(0.61 / 0.1, 0.1, 1.0)) / airy_focus(0.0, 0.1, 1.0)) < 1e-3  # the first dark ring
-    True
-    """
-    z = 2 * np.pi / wavelength * aperture * np.asarray(radius, float)
-    shape = np.where(np.abs(z) < 1e-6, 1.0, 2 * j1(z) / np.where(np.abs(z) < 1e-6, 1.0, z))
-    return np.sqrt(np.pi) * aperture / wavelength * shape

@@ -5,8 +5,7 @@
 
 In a box the distance to the way out is piecewise linear, so the exponent is too: the box is cut into simplices on
 which it is linear (a plane through an edge for every ray that can leave by either face), and on a simplex the
-integral is d! times its volume times a divided difference of exp at the corners (Hermite and Genocchi). In a slab
-under square beams the two footprints overlap in a rectangle at every depth, which leaves one integral over depth.
+integral is d! times its volume times a divided difference of exp at the corners (Hermite and Genocchi).
 """
 
 import math
@@ -18,10 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.errors import reject
-from specklegen.core.quadrature import gauss_legendre
 
 _BLOCK = {2: 4096, 3: 64}  # quadruples at a time: a box is cut into up to 60 triangles or some 1000 tetrahedra each
-_NODES = 16
 _TAYLOR = 1.0
 _ORDER = 20  # 1 / 20! is below rounding
 
@@ -77,53 +74,6 @@ def box_covariance(
     phase = np.exp(1j * wave @ lower)  # corners are measured from the lower one
     s = amplitude((i1 * v1).sum(axis=-1)) * np.conj(amplitude((i2 * v2).sum(axis=-1)))
     return albedo * extinction * s * (integral * phase).reshape(i1.shape[:-1])
-
-
-def slab_covariance(
-    thickness: float,
-    *,
-    extinction: float,
-    albedo: float = 1.0,
-    wavelength: float,
-    width: float,
-    amplitude: Callable[[np.ndarray], np.ndarray],
-    lights: tuple[ArrayLike, ArrayLike],
-    views: tuple[ArrayLike, ArrayLike],
-) -> np.ndarray:
-    """Covariance of singly scattered far fields of a slab 0 <= z <= thickness under square beams, complex128[...].
-
-    The beams pass a window of side ``width`` in the face z = 0, centred on the axis, with unit irradiance per area of
-    that face; the window is carried straight along each direction. Gauss quadrature over depth, on panels that end
-    where overlaps of footprints have kinks and that resolve attenuation and phase: rounding accuracy. In two
-    dimensions the window is an interval.
-
-    Parameters
-    ----------
-    thickness, width
-        Lengths in the unit of the wavelength.
-    extinction, albedo, wavelength, amplitude, lights, views
-        As in :func:`box_covariance`; lights travel towards +z, views along +z or -z, not sideways.
-
-    Raises
-    ------
-    RuleError
-        For a field out of its range, directions of another dimension, lights that do not travel towards +z, or views
-        in the plane of the slab.
-    """
-    dimension = np.shape(lights[0])[-1]
-    _check(
-        "slab_covariance", extinction=extinction, albedo=albedo, wavelength=wavelength, thickness=thickness, width=width
-    )
-    i1, i2, v1, v2 = _quadruples("slab_covariance", dimension, lights, views)
-    if not ((i1[..., -1] > 0) & (i2[..., -1] > 0)).all():
-        reject("slab_covariance lights", "directions that travel towards +z", lights)
-    if not ((v1[..., -1] != 0) & (v2[..., -1] != 0)).all():
-        reject("slab_covariance views", "directions off the plane of the slab", views)
-    shape, k = i1.shape[:-1], 2 * np.pi / wavelength
-    flat = (part.reshape(-1, dimension) for part in (i1, i2, v1, v2))
-    integral = np.array([_integrate_depth(thickness, extinction, width, k, *rays) for rays in zip(*flat, strict=True)])
-    s = amplitude((i1 * v1).sum(axis=-1)) * np.conj(amplitude((i2 * v2).sum(axis=-1)))
-    return albedo * extinction * s * integral.reshape(shape)
 
 
 def _check(owner: str, **values: float) -> None:
@@ -246,30 +196,3 @@ def _divided_exp(f: np.ndarray) -> np.ndarray:
     )
     result[~near] = (first - second) / gap[~near]
     return result
-
-
-def _integrate_depth(thickness, extinction, width, k, i1, i2, v1, v2) -> complex:
-    """Depth integral of attenuation, phase and the overlap of two footprints, times sqrt(irradiances)."""
-    wave = k * ((i1 - v1) - (i2 - v2))
-    drift = i1[:-1] / i1[-1], i2[:-1] / i2[-1]
-    edges = [0.0, thickness]
-    # An overlap vanishes where footprints are a width apart, and changes its form where one edge passes another: at 0.
-    edges += [width / abs(gap) for gap in drift[0] - drift[1] if abs(gap) * thickness > width]
-    per_length = extinction * (np.abs(1 / np.array([i1[-1], i2[-1], v1[-1], v2[-1]])).sum()) / 2
-    per_length += abs(wave[-1]) + sum(abs(w) * max(abs(a), abs(b)) for w, a, b in zip(wave, *drift, strict=False))
-    total = 0.0
-    for start, end in zip(sorted(edges)[:-1], sorted(edges)[1:], strict=True):
-        panels = 1 + int(per_length * (end - start) / 4)
-        nodes, weights = gauss_legendre(_NODES)
-        bounds = np.linspace(start, end, panels + 1)
-        half = np.diff(bounds)[:, None] / 2
-        z = (bounds[:-1, None] + half * (1 + nodes)).ravel()
-        overlap = np.ones(len(z), np.complex128)
-        for axis, w in enumerate(wave[:-1]):
-            first, second = drift[0][axis] * z, drift[1][axis] * z
-            low, high = np.maximum(first, second) - width / 2, np.minimum(first, second) + width / 2
-            length = np.clip(high - low, 0, None)
-            overlap *= length * np.exp(0.5j * w * (low + high)) * np.sinc(w * length / (2 * np.pi))
-        path = z / i1[-1] + z / i2[-1] + sum(((thickness if v[-1] > 0 else 0) - z) / v[-1] for v in (v1, v2))
-        total += ((half * weights).ravel() * overlap * np.exp(1j * wave[-1] * z - 0.5 * extinction * path)).sum()
-    return total / np.sqrt(i1[-1] * i2[-1])

@@ -40,7 +40,7 @@ def memory_effect_thick_slab(q: ArrayLike, optical_depth: float) -> np.ndarray:
 
     X = kappa (OD + 2 z0), kappa = q / OD, f = [sinh(kappa z0) + kappa cosh(kappa z0)] / [(1 - kappa^2) kappa (1 + z0)]:
     diffusion with exponential depths of first and last vertices and no fitted parameter. Within 0.001 at an optical
-    depth of 10 and 0.0002 at 20 of the transfer equation (:mod:`specklegen.theory.correlation_transfer`).
+    depth of 10 and 0.0002 at 20 of the transfer equation (``tests/references/correlation_transfer.py``).
 
     Parameters
     ----------
@@ -161,12 +161,3 @@ def memory_effect_at_faces(q: ArrayLike, optical_depth: float, extrapolation: fl
     coth = np.where(q == 0, 1.0, q / np.tanh(np.where(q == 0, 1.0, q)))
     whole = (1 + (h * kappa) ** 2) * optical_depth + 2 * h * coth
     return ((optical_depth + 2 * h) * over / ((1 - kappa**2) ** 2 * whole)) ** 2
-
-
-def transmission_at_faces(optical_depth: float, extrapolation: float, anisotropy: float = 0.0) -> float:
-    """Share of the light that has entered a slab whose faces reflect, and goes through: (1 + h) / (OD (1 - g) + 2h).
-
-    By diffusion, 2 % above random walks at an optical depth of 10 and isotropic scatterers.
-    """
-    _require_depth("transmission_at_faces", optical_depth)
-    return (1 + extrapolation) / (optical_depth * (1 - anisotropy) + 2 * extrapolation)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from references.correlation_transfer import exchange, transmittance
 from zscore import assert_z
 
 from specklegen.core.errors import RuleError
 from specklegen.oracles.adding_doubling import adding_doubling
-from specklegen.theory.correlation_transfer import exchange, transmittance
 from specklegen.theory.slab import slab_transmission
 
 

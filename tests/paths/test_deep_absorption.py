@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from references.correlation_transfer import exchange
 from zscore import assert_z
 
 import specklegen as sg
@@ -12,7 +13,6 @@ from specklegen.oracles.adding_doubling import adding_doubling
 from specklegen.paths.deep_absorption import LEAST, crossing_variances
 from specklegen.paths.pilot import volume_pilot
 from specklegen.paths.stretching import crossing_variance, decay, flat_decay, relative_variance
-from specklegen.theory.correlation_transfer import exchange
 
 AHEAD, BACK, ASIDE = [0.0, 0.0, 1.0], [0.6, 0.0, -0.8], [1.0, 0.0, 0.0]
 

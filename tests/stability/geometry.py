@@ -5,6 +5,8 @@ from dataclasses import replace
 from decimal import Decimal, localcontext
 
 import numpy as np
+from references.correlation_transfer import field_correlation
+from references.slab_covariance import slab_covariance
 
 import specklegen as sg
 from specklegen.kernels.volume import exit_distance, optical_depth
@@ -14,8 +16,7 @@ from specklegen.paths.proposal import beam_proposal
 from specklegen.paths.slab_tracer import trace
 from specklegen.paths.tracer import volume_tracer
 from specklegen.paths.volumes import volume_of
-from specklegen.theory.correlation_transfer import field_correlation
-from specklegen.theory.single_scattering import box_covariance, slab_covariance
+from specklegen.theory.single_scattering import box_covariance
 
 from .row import Row, measured, refused, within
 from .scenes import AXIS, REQUIRED, beams, cube, exact_single, scene, slab, unit, views

@@ -1,11 +1,11 @@
 """Sensors in the near field: inside the medium, on its boundary, on a vertex, outside."""
 
 import numpy as np
+from references.correlation_transfer import collision_density
 
 import specklegen as sg
 from specklegen.paths.endpoint_factors import endpoint_factors, single_amplitudes
 from specklegen.paths.tracer import volume_tracer
-from specklegen.theory.correlation_transfer import collision_density
 
 from .row import Row, holds, measured, refused, within
 from .scenes import AXIS, REQUIRED, beams, cube, scene, slab

@@ -1,9 +1,9 @@
 """Small scenes that the rows share."""
 
 import numpy as np
+from references.slab_covariance import slab_covariance
 
 import specklegen as sg
-from specklegen.theory.single_scattering import slab_covariance
 
 AXIS = np.array([0.0, 0.0, 1.0])
 REQUIRED = "required here"

@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+from references.correlation_transfer import quadruple
 from scipy.special import expn
 
 import specklegen as sg
 from specklegen.paths.proposal import plane_proposal
 from specklegen.paths.slab_tracer import trace
-from specklegen.theory.correlation_transfer import quadruple
 from specklegen.theory.slab import slab_transmission
 
 from .row import Row, holds, measured, refused, within

@@ -2,15 +2,16 @@
 
 import numpy as np
 import pytest
+from references import correlation_transfer
+from references.correlation_transfer import exchange, field_correlation, quadruple, transmittance
+from references.slab_covariance import slab_covariance
 from scipy.special import exp1
 from zscore import assert_mean
 
 from specklegen.core.errors import RuleError
 from specklegen.oracles.box_algorithms import Far, Setup, contributions
 from specklegen.oracles.box_media import box, henyey_greenstein
-from specklegen.theory import correlation_transfer, slab
-from specklegen.theory.correlation_transfer import exchange, field_correlation, quadruple, transmittance
-from specklegen.theory.single_scattering import slab_covariance
+from specklegen.theory import slab
 
 Q = np.array([0.5, 1, 1.491, 2.742, 4, 8])
 TABLE = {  # C_I, its standard error
@@ -158,40 +159,3 @@ def test_algorithm_1_solves_the_same_equation(side):
     assert_mean(batches.imag, expected.imag)
     with pytest.raises(AssertionError, match="z ="):  # 5 % of the multiple part
         assert_mean(np.abs(batches[:, 1]), 1.05 * np.abs(expected[1]))
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: transmittance(0.0), "transmittance optical_depth must be greater than 0"),
-        (lambda: exchange(0.0, np.nan, 1.0, 1.0), "exchange optical_depth must be greater than 0"),
-        (lambda: field_correlation(1.0, 0.0), "field_correlation optical_depth must be greater than 0"),
-        (lambda: field_correlation(np.nan, 1.0), "exchange kappa must be at least 0"),
-        (lambda: field_correlation(1.0, 1.0, albedo=0.0), "field_correlation albedo must be greater than 0"),
-        (lambda: field_correlation(1.0, 1.0, albedo=1.5), "exchange albedo must be between 0 and 1"),
-        (lambda: field_correlation(1.0, 1.0, mode="sideways"), "field_correlation mode must be"),
-        (
-            lambda: quadruple(
-                1.0,
-                mean_free_path=1.0,
-                wavelength=1.0,
-                lights=np.eye(3)[[2, 2]],
-                views=(tilted(0.1, 1), tilted(0.2, 1)),
-            ),
-            "quadruple views must be moved sideways as the lights are",
-        ),
-        (
-            lambda: quadruple(
-                1.0,
-                mean_free_path=1.0,
-                wavelength=1.0,
-                lights=np.eye(3)[[2, 2]],
-                views=(tilted(0.1, 1), tilted(0.1, -1)),
-            ),
-            "quadruple lights must be lights on one side",
-        ),
-    ],
-)
-def test_refusals(call, message):
-    with pytest.raises(RuleError, match=message):
-        call()
