@@ -104,25 +104,20 @@ class SpeckleStack(Pictured, Labelled):
     'stationary'
     """
 
+    _named = {"intensity": "intensity", "sampler": "report.sampler", "summation": "report.summation",
+              "paths": "report.paths", "expected error": "report.expected_error", "speckle": "report.gaussianity",
+              "mean field added": "report.mean_added"}  # fmt: skip
+    _single = ("report.sampler", "report.summation", "report.paths", "report.expected_error", "report.image_error",
+               "report.mean_added")  # fmt: skip
+
     def __init__(
         self, field: np.ndarray | None, intensity: np.ndarray | None, report: Report, scene: Scene | None = None
     ) -> None:
         self._field, self._intensity, self.report, self._scene = field, intensity, report, scene
 
     def __repr__(self) -> str:
-        held = {"intensity": self._intensity} if self._field is None else {"field": self._field}
+        held: dict[str, Any] = {"intensity": self._intensity} if self._field is None else {"field": self._field}
         return summary(self, **held, sampler=self.report.sampler, paths=self.report.paths)
-
-    def _facts(self) -> Mapping[str, object]:
-        report = self.report
-        return {
-            "intensity": "x".join(map(str, self.intensity.shape)),
-            "sampler": f"{report.sampler} ({report.summation})",
-            "paths": report.paths,
-            "expected error": report.expected_error,
-            "speckle": report.gaussianity,
-            "mean field": "added" if report.mean_added else "left out",
-        }
 
     def _arrays(self) -> Mapping[str, Labels]:
         """Name the images, with directions or points of their views and lights where the scene is known."""
@@ -142,16 +137,9 @@ class SpeckleStack(Pictured, Labelled):
             labels["field"] = Labels(axes, self._field, "1" if near else "length of the scene")
         return labels | {"intensity": Labels(axes, intensity, "1" if near else "squared length of the scene")}
 
-    def _numbers(self) -> Mapping[str, str | int | float | bool]:
-        report = self.report
-        return {"sampler": report.sampler, "summation": report.summation, "paths": report.paths,
-                "expected_error": report.expected_error, "image_error": report.image_error,
-                "mean_added": report.mean_added}  # fmt: skip
-
     def _draw(self, axes: Any, label: str | None = None) -> None:
         alone = self._field is None and self.intensity.ndim == 2  # the one image of an incoherent object
         draw_stack(axes, self.intensity[None] if alone else self.intensity)
-        axes.set_title(label or "")
 
     @property
     def field(self) -> np.ndarray:

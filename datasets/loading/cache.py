@@ -144,7 +144,6 @@ class SpeckleCache(Dataset, Pictured):
                 images.append(np.abs(self.numpy(n)[key]))
         if images:
             draw_stack(axes, np.stack(images))
-        axes.set_title(label or "")
 
     def __len__(self) -> int:
         return self._store.samples

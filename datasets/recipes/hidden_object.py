@@ -120,7 +120,6 @@ class HiddenObject(Recipe):
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Draw the first hidden objects of the training split, seed 0."""
         draw_images(axes, np.stack([self.objects.image(0, "train", n) for n in range(6)]), high=1.0)
-        axes.set_title(label or "")
 
     @property
     def fits_window(self) -> bool:

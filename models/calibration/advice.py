@@ -93,7 +93,7 @@ class Advice(Pictured):
         facts: dict[str, object] = {}
         for row in (*self.rows, *self.additions):
             facts[row.name] = ", ".join(f"{WORDS[name]} ± {error:.3f}" for name, error in row.errors.items())
-        facts["not determined"] = "; ".join(self.rows[-1].degenerate) or "nothing"
+        facts["not determined"] = self.rows[-1].degenerate
         return facts
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
@@ -102,7 +102,7 @@ class Advice(Pictured):
         for name in self.rows[0].errors:
             axes.plot([row.errors[name] for row in rows], range(len(rows)), "o", ms=4, label=WORDS[name])
         axes.set_yticks(range(len(rows)), [row.name for row in rows])
-        axes.set(xlabel="standard error of the logarithm", xscale="log", title=label or "")
+        axes.set(xlabel="standard error of the logarithm", xscale="log")
         axes.legend()
         axes.grid(alpha=0.3)
 

@@ -21,7 +21,8 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from specklegen.core.arguments import choice, instance, positive_number, real_array, real_number, several
-from specklegen.core.display.plot import Pictured
+from specklegen.core.display.plot import Pictured, with_interval
+from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject
 from specklegen.core.shielded import shielded
 from specklegen.measured.observations import MemoryCurve, Observation, TemporalCurve
@@ -183,7 +184,7 @@ class MaterialFit(Pictured):
     at: np.ndarray = field(repr=False)
 
     def __repr__(self) -> str:
-        return f"MaterialFit({self.slab!r}, chi_squared={self.chi_squared:.3g} of {self.degrees})"
+        return summary(self, ("slab", "chi_squared", "degrees"))
 
     @property
     def values(self) -> dict[str, float]:
@@ -288,13 +289,11 @@ class MaterialFit(Pictured):
         return heading + comments + doubts + tomli_w.dumps(table)
 
     def _facts(self) -> Mapping[str, object]:
-        facts: dict[str, object] = {}
-        for name, (low, high) in self.interval(0.95).items():
-            facts[name] = f"{self.values[name]:.4g} (95 %: {low:.4g} to {high:.4g})"
-        facts["χ²"] = f"{self.chi_squared:.4g} of {self.degrees} (p = {self.p_value:.2g})"
-        facts["not determined"] = "; ".join(self.degenerate) or "nothing"
-        facts["doubts"] = "; ".join(self.doubts) or "none"
-        return facts
+        return {name: with_interval(self.values[name], ends) for name, ends in self.interval(0.95).items()} | {
+            "χ²": f"{self.chi_squared:.4g} of {self.degrees} (p = {self.p_value:.2g})",
+            "not determined": self.degenerate,
+            "doubts": self.doubts,
+        }
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Residuals in standard errors, one observation behind the other."""

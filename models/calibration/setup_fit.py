@@ -27,7 +27,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import f, t
 
 from specklegen.core.arguments import choice, flag, positive_number, real_number
-from specklegen.core.display.plot import Pictured
+from specklegen.core.display.plot import Pictured, with_interval
 from specklegen.core.errors import counted, reject
 from specklegen.measured.files import Source
 from specklegen.measured.measurement import Measurement, read_measurement
@@ -144,9 +144,7 @@ class SetupFit(Pictured):
     range: float | None = None
     ranges: RangeProfile | None = field(default=None, repr=False)
 
-    def __repr__(self) -> str:
-        doubts = f", {counted(len(self.doubts), 'doubt')}" if self.doubts else ""
-        return f"SetupFit({self.profile}, grain={self.grain:.3g}, contrast={self.contrast:.2g}{doubts})"
+    _named = {"iris": "profile", "grain": "grain", "contrast": "contrast"}
 
     def interval(self, level: float = 0.95) -> dict[str, Interval]:
         """Intervals of grain, contrast and noise by name, and of a target the range, which may be open: 0 or infinity.
@@ -190,20 +188,17 @@ class SetupFit(Pictured):
         return Optics(step, self.grain, self.profile, self.pixel_integration)
 
     def _facts(self) -> Mapping[str, object]:
-        bounds = self.interval()
-        facts: dict[str, object] = {"iris": self.profile}
-        for name, unit in (("grain", " pixels"), ("contrast", ""), ("noise", " of the mean light")):
-            low, high = bounds[name]
-            facts[name] = f"{getattr(self, name):.4g}{unit} (95 %: {low:.4g} to {high:.4g})"
+        bounds, facts = self.interval(), dict(super()._facts())
+        for name, unit in (("grain", "pixels"), ("contrast", ""), ("noise", "of the mean light")):
+            facts[name] = with_interval(getattr(self, name), bounds[name], unit)
         if self.ranges is not None and self.range is not None:
             facts["range"] = f"{self.range:.3g} pixels (95 %: {self.ranges.told(0.95)})"
         order = self.measured.envelope_order
         facts["envelope"] = "left in or given" if order is None else f"order {order}"
-        facts["other shapes"] = ", ".join(f"{name} {far:.1f} standard errors behind"
-                                          for name, far in self.behind.items() if name != self.profile)  # fmt: skip
-        facts["spectrum"] = f"p = {self.p_value:.2g}, {counted(self.tiles, 'tile')}"
-        facts["doubts"] = "; ".join(self.doubts) or "none"
-        return facts
+        others = [f"{name} {far:.1f} standard errors behind" for name, far in self.behind.items()
+                  if name != self.profile]  # fmt: skip
+        spectrum = f"p = {self.p_value:.2g}, {counted(self.tiles, 'tile')}"
+        return facts | {"other shapes": others, "spectrum": spectrum, "doubts": self.doubts}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Mean power in rings of frequency, measured and fitted."""

@@ -128,6 +128,8 @@ class Twin(Pictured):
     doubts: tuple[str, ...]
     pictures: np.ndarray = field(repr=False)
 
+    _named = {"verdict": "verdict"}
+
     @property
     def differs(self) -> tuple[Compared, ...]:
         """Groups that differ, by their own chance below one in a hundred; empty if the images cannot be told apart."""
@@ -141,17 +143,12 @@ class Twin(Pictured):
         names = ", ".join(each.name for each in self.differs)
         return f"the images differ in {names} (p = {self.p_value:.1g})"
 
-    def __repr__(self) -> str:
-        return f"Twin({self.verdict})"
-
     def _facts(self) -> Mapping[str, object]:
-        facts: dict[str, object] = {"verdict": self.verdict}
+        facts = dict(super()._facts())
         for each in self.compared:
             text = f"p = {each.p_value:.2g}, {each.measured:.3g} measured, {each.simulated:.3g} simulated"
             facts[each.name] = text + (f"; could be {each.cause}" if each in self.differs else "")
-        facts["assumed"] = "; ".join(self.assumed) or "nothing"
-        facts["doubts"] = "; ".join(self.doubts) or "none"
-        return facts
+        return facts | {"assumed": self.assumed, "doubts": self.doubts}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Your image, and ten simulated ones, to one scale of grey."""
@@ -167,7 +164,7 @@ class Twin(Pictured):
         axes.set_yticks([])
         axes.set_xticks([(width - 1) / 2, (width + gap) * 3.5], ["yours", f"{count - 1} simulated"])
         axes.tick_params(length=0)
-        axes.set_title(label or self.verdict, fontsize="small")
+        axes.set_title(self.verdict, fontsize="small")
 
 
 def twin(

@@ -135,7 +135,7 @@ class Evaluation(Pictured, Labelled):
         axes.errorbar(intervals[0], at, xerr=np.abs(intervals[1:] - intervals[0]), fmt="o", ms=4, lw=1)
         axes.set_yticks(at, list(self.values))
         axes.invert_yaxis()
-        axes.set(xlabel="Pearson correlation", title=label or "")
+        axes.set(xlabel="Pearson correlation")
 
     @property
     def characters(self) -> np.ndarray:

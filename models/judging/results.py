@@ -43,7 +43,7 @@ class Failure(NamedTuple):
         return f"{self.function} on {self.task}, images {self.first} to {self.first + self.images - 1}: {self.reason}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Results(Pictured):
     """Scores of functions on tasks.
 
@@ -84,7 +84,7 @@ class Results(Pictured):
             axes.errorbar(intervals[0], at, xerr=bars, fmt="o", ms=4, lw=1, label=function)
         axes.set_yticks(np.arange(len(self.evaluations)), list(self.evaluations))
         axes.invert_yaxis()
-        axes.set(xlabel="Pearson correlation", title=label or "")
+        axes.set(xlabel="Pearson correlation")
         axes.legend(fontsize="small")
 
     def interval(self, function: str, task: str, score: str = "pearson") -> Interval:

@@ -12,7 +12,6 @@ as in multi-frame blind deconvolution (Schulz, J. Opt. Soc. Am. A 10, 1064, 1993
 camera's edges cut off, and what C_I falls by across an object, is noise that more of them would fit.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +21,7 @@ from torch import Tensor
 
 from specklegen.core.arguments import choice, flag, host_tensor, instance
 from specklegen.core.display.plot import Pictured, draw_stack
-from specklegen.core.errors import counted, reject
+from specklegen.core.errors import reject
 from specklegen.core.shielded import shielded
 from specklegen.models.likelihood.likelihood import Optics, each_of
 from specklegen.scene.window import PROFILES, Window
@@ -68,17 +67,12 @@ class Joint(Pictured):
     upright: float
     turned: float
 
-    def __repr__(self) -> str:
-        return f"Joint({counted(len(self.image), 'object')}, {int(self.flipped.sum())} turned)"
-
-    def _facts(self) -> Mapping[str, object]:
-        return {"objects": len(self.image), "turned from what was given": int(self.flipped.sum()),
-                "fit this way up": self.upright, "fit the other way up": self.turned}  # fmt: skip
+    _named = {"objects": "image", "turned from what was given": "flipped", "fit this way up": "upright",
+              "fit the other way up": "turned"}  # fmt: skip
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """The objects, side by side."""
         draw_stack(axes, self.image.numpy())
-        axes.set_title(label or "")
 
 
 @shielded()

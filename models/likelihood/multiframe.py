@@ -18,7 +18,6 @@ Blind deconvolution of many frames with positivity goes back to Schulz, J. Opt. 
 object is seen through many unknown functions, here many objects through one.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +27,7 @@ from torch import Tensor
 
 from specklegen.core.arguments import host_tensor, positive_number, real_number, whole_number
 from specklegen.core.display.plot import Pictured, draw_stack
-from specklegen.core.errors import counted, reject
+from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, seed_words
 from specklegen.core.shielded import shielded
 from specklegen.models.likelihood.common_medium import camera_spectra, same_optics
@@ -71,24 +70,19 @@ class Multiframe(Pictured):
     >>> import torch
     >>> from specklegen.models import Multiframe
     >>> Multiframe(torch.rand(5, 36, 36), agreement=0.97, explained=0.91)
-    Multiframe(5 objects, 0.91 explained)
+    Multiframe(image=float32[5, 36, 36], agreement=0.97, explained=0.91)
     """
 
     image: Tensor
     agreement: float
     explained: float
 
-    def __repr__(self) -> str:
-        return f"Multiframe({counted(len(self.image), 'object')}, {self.explained:.2f} explained)"
-
-    def _facts(self) -> Mapping[str, object]:
-        return {"objects": len(self.image), "agreement of starts": self.agreement,
-                "share of the power that one medium explains": self.explained}  # fmt: skip
+    _named = {"objects": "image", "agreement of starts": "agreement",
+              "share of the power that one medium explains": "explained"}  # fmt: skip
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """The objects, side by side."""
         draw_stack(axes, self.image.numpy())
-        axes.set_title(label or "")
 
 
 @shielded()

@@ -11,7 +11,6 @@ Inverse Problems 21, 37 (2005)), from several starts. Then by the gradient of th
 exposures, which knows noise, grain, camera and C_I exactly, from the most probable of these.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,18 +70,11 @@ class WideField(Pictured):
     deviance: Tensor
     looks: float
 
-    def __repr__(self) -> str:
-        rows, columns = self.image.shape
-        return f"WideField({rows} x {columns} pixels, {len(self.deviance)} exposures)"
-
-    def _facts(self) -> Mapping[str, object]:
-        return {"pixels covered": int(self.covered.sum()), "exposures": len(self.deviance),
-                "mean deviance": float(self.deviance.mean())}  # fmt: skip
+    _named = {"object": "image", "pixels covered": "covered", "deviance of exposures": "deviance", "averages": "looks"}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """The object."""
         draw_images(axes, self.image.clamp(0, 1).numpy()[None], high=1.0)
-        axes.set_title(label or "")
 
 
 @shielded()

@@ -16,7 +16,6 @@ from torch import Tensor
 
 from specklegen.core.arguments import flag, host_tensor, instance, whole_number
 from specklegen.core.display.plot import SHOWN, Pictured, draw_images
-from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
 from specklegen.core.shielded import shielded
@@ -137,7 +136,7 @@ def _contrast(recipe: HiddenObject) -> tuple[float, float]:
     return contrast * camera.photons / (camera.photons + added), contrast
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Finding(Pictured):
     """What one image tells.
 
@@ -173,8 +172,6 @@ class Finding(Pictured):
     turn: float | None = None
     draws: Posterior | None = None
 
-    __repr__ = short
-
     def _facts(self) -> Mapping[str, object]:
         reasons = {each.name: f"{each.numbers}. Remedy: {each.remedy}" for each in self.reasons}
         stated: dict[str, object] = {} if self.probability is None else {"probability": self.probability}
@@ -185,10 +182,9 @@ class Finding(Pictured):
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """What was reconstructed."""
         draw_images(axes, self.image[None], high=1.0)
-        axes.set_title(label or "")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Findings(Pictured):
     """What the images tell together.
 
@@ -205,8 +201,6 @@ class Findings(Pictured):
     range_sine: float
     fit: RangeFit | None
 
-    __repr__ = short
-
     def _facts(self) -> Mapping[str, object]:
         sure = sum((each.probability or 0.0) >= 0.5 for each in self.each)
         fitted = "given" if self.fit is None else "fitted"
@@ -219,7 +213,6 @@ class Findings(Pictured):
         draw_images(axes, images, [
             "no speckle" if each.probability is None else f"p = {each.probability:.2f}" for each in shown
         ], high=1.0)  # fmt: skip
-        axes.set_title(label or "")
 
 
 @shielded()

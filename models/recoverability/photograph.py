@@ -152,8 +152,7 @@ class PhotographVerdict(Pictured):
     assumed: tuple[str, ...]
     measured: Measurement
 
-    def __repr__(self) -> str:
-        return f"PhotographVerdict({self.headline})"
+    _named = {"verdict": "headline"}
 
     @property
     def headline(self) -> str:
@@ -203,14 +202,13 @@ class PhotographVerdict(Pictured):
         return "\n".join(lines)
 
     def _facts(self) -> Mapping[str, object]:
-        told = {name: f"{value:.4g}" for name, value in self.numbers.items() if value is not None}
-        return {"verdict": self.headline} | told
+        return {**super()._facts(), **{name: x for name, x in self.numbers.items() if x is not None}}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Draw the first frame, with the verdict above."""
         frame = self.measured.images[0]
         draw_images(axes, frame[None], high=float(np.quantile(frame, 0.999)))
-        axes.set_title(label or self.headline, fontsize="small")
+        axes.set_title(self.headline, fontsize="small")
 
 
 @shielded()

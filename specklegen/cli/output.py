@@ -88,7 +88,7 @@ def show_fit(result: Any, table: Callable[[], Any], as_json: bool, picture: Path
     if as_json:
         echo_json(table())
         return
-    for name, value in result._facts().items():
+    for name, value in result.facts().items():
         typer.echo(f"{name}: {value}")
     for file in (*files, picture):
         if file is not None:

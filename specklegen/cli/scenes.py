@@ -300,8 +300,8 @@ def reflectance(
     if as_json:
         echo_json(dataclasses.asdict(light))
         return
-    for name, value in light._facts().items():
-        typer.echo(f"{name}: {value:.4g}" if isinstance(value, float) else f"{name}: {value}")
+    for name, value in light.facts().items():
+        typer.echo(f"{name}: {value}")
 
 
 def slab(thickness: float, optical_depth: float, g: float, albedo: float) -> "Slab":

@@ -22,7 +22,6 @@ All lengths are in the unit of the wavelength. See docs/coherence.md.
 
 import math
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -32,7 +31,6 @@ from scipy.special import hankel1e
 
 from specklegen.core.arguments import choice, finite_numbers, flag, real_number, whole_number
 from specklegen.core.display.plot import Pictured, draw_map
-from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks
 from specklegen.core.values import Array, Positive, PositiveInt, Value
@@ -116,7 +114,7 @@ class AxialDetector(Value):
         return np.zeros(self.z.size)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class GreensMatrix(Pictured):
     """A Green's function with its error: fields at the pixels = ``value`` @ fields of the sources.
 
@@ -140,19 +138,12 @@ class GreensMatrix(Pictured):
     value: np.ndarray
     standard_error: np.ndarray
 
-    __repr__ = short
-
-    def _facts(self) -> Mapping[str, object]:
-        return {
-            "pixels, modes": "x".join(map(str, self.value.shape)),
-            "largest standard error": float(self.standard_error.max()),
-            "largest magnitude": float(np.abs(self.value).max()),
-        }
+    _named = {"|G| of pixels and modes": "value", "standard error": "standard_error"}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Its magnitude."""
         draw_map(axes, np.abs(self.value), "|G|", low=0)
-        axes.set(xlabel="mode of the source", ylabel="pixel", title=label or "", aspect="auto")
+        axes.set(xlabel="mode of the source", ylabel="pixel", aspect="auto")
 
 
 class CylindricalFocus(Value):

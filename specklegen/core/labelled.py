@@ -7,10 +7,11 @@ import csv
 import io
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -54,9 +55,11 @@ class Labelled:
         """Name arrays, coordinates first."""
         raise NotImplementedError
 
+    _single: ClassVar[Sequence[str]] = ()
+    """Attributes that are one number or word for the whole result, as ``report.paths``."""
+
     def _numbers(self) -> Mapping[str, str | int | float | bool]:
-        """Name what is one number or word for the whole result."""
-        return {}
+        return {name.rpartition(".")[2]: attrgetter(name)(self) for name in self._single}
 
     def to_xarray(self) -> "xarray.Dataset":
         """Return an xarray.Dataset: arrays with named axes, coordinates, and units as the attribute ``units``.

@@ -7,7 +7,6 @@ from typing import Any, TypedDict
 import numpy as np
 
 from specklegen.core.display.plot import SHOWN, Pictured
-from specklegen.core.display.repr import short
 
 
 class Validity(TypedDict):
@@ -31,7 +30,7 @@ class Validity(TypedDict):
     back: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ScatteredField(Pictured):
     """Scattered field, total minus incident, in time.
 
@@ -60,21 +59,21 @@ class ScatteredField(Pictured):
     forward: np.ndarray
     validity: Validity | None = None
 
-    __repr__ = short
+    _named = {"time": "time", "forward": "forward", "back": "back"}
 
     def _facts(self) -> Mapping[str, object]:
-        return {"time steps": len(self.time)} | dict(self.validity or {"validity": "nothing was approximated"})
+        return {**super()._facts(), **(self.validity or {"validity": "nothing was approximated"})}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Both fields over time, of six media at most."""
         for name, field, colour in (("forward", self.forward, "C0"), ("back", self.back, "C1")):
             for n, each in enumerate(np.atleast_2d(field)[:SHOWN]):
                 axes.plot(self.time, each, color=colour, lw=1, label=None if n else name)
-        axes.set(xlabel=r"time $c_0 t$", ylabel="scattered field", title=label or "")
+        axes.set(xlabel=r"time $c_0 t$", ylabel="scattered field")
         axes.legend()
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class MeanField(ScatteredField):
     """Brute-force mean over ``realizations`` media.
 
@@ -105,10 +104,7 @@ class MeanField(ScatteredField):
     forward_error: np.ndarray
     realizations: int
 
-    __repr__ = short
-
-    def _facts(self) -> Mapping[str, object]:
-        return {"realizations": self.realizations} | dict(super()._facts())
+    _named = {**ScatteredField._named, "realizations": "realizations"}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Both means over time, with bands of two standard errors."""

@@ -16,7 +16,7 @@ Standard 1288, sections 2 and 6.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
 from specklegen.core.arguments import whole_number
-from specklegen.core.display.plot import Pictured
+from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import counted, reject
 from specklegen.instrument.camera import Camera
 from specklegen.instrument.full_well import Knee, knee_of
@@ -68,7 +68,7 @@ class Level(NamedTuple):
     used: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CameraFit(Pictured):
     """A fitted camera.
 
@@ -118,6 +118,10 @@ class CameraFit(Pictured):
     degrees: int
     doubts: tuple[str, ...]
 
+    _named = {"gain, electrons a count": "gain", "read noise, electrons": "read_noise", "offset, counts": "offset",
+              "full well, electrons": "full_well", "bits": "bit_depth", "χ² of the line": "chi_squared",
+              "degrees of freedom": "degrees", "doubts": "doubts"}  # fmt: skip
+
     @property
     def table(self) -> dict[str, float]:
         """Fields of ``[exposure]`` that were found; ``photons`` depends on the light."""
@@ -138,36 +142,17 @@ class CameraFit(Pictured):
         doubts = [f"# doubt: {doubt}" for doubt in self.doubts]
         return "\n".join([*doubts, "[exposure]", *rows, "# photons = ...  mean electrons a pixel of your image", ""])
 
-    def _facts(self) -> Mapping[str, object]:
-        well = "not seen" if self.full_well is None else f"{self.full_well:.6g} ± {self.full_well_error:.2g} electrons"
-        return {
-            "gain": f"{self.gain:.5g} ± {self.gain_error:.2g} electrons a count",
-            "read noise": f"{self.read_noise:.4g} ± {self.read_noise_error:.2g} electrons",
-            "offset": f"{self.offset:.6g} ± {self.offset_error:.2g} counts",
-            "full well": well,
-            "bits": self.bit_depth,
-            "levels": f"{sum(level.used for level in self.levels)} of {len(self.levels)} used",
-            "χ² of the line": f"{self.chi_squared:.3g} of {self.degrees}",
-            "doubts": "; ".join(self.doubts) or "none",
-        }
-
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Variance over mean, both logarithmic: levels that are used, those that are not, and the line."""
         for used, style in ((True, "o"), (False, "x")):
             some = [level for level in self.levels if level.used == used]
             if some:
-                means, variances, errors = np.array([level[:3] for level in some]).T
                 name = label if used else "saturated: left out"
-                axes.errorbar(means, variances, 2 * errors, fmt=style, ms=4, lw=1, label=name)
+                means, variances, errors = np.array([level[:3] for level in some]).T
+                draw_curve(axes, means, variances, errors, name, fmt=style)
         x = np.geomspace(self.levels[0].mean, self.levels[-1].mean, 200)
         axes.plot(x, x / self.gain + (self.read_noise / self.gain) ** 2 + 1 / 12, lw=1, color="grey")
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_xlabel("mean, counts above the offset")
-        axes.set_ylabel("variance, counts squared")
-        axes.grid(alpha=0.3)
-        if label is not None or not all(level.used for level in self.levels):
-            axes.legend()
+        axes.set(xlabel="mean, counts above the offset", ylabel="variance, counts squared", xscale="log", yscale="log")
 
 
 def fit_camera(pairs: Sequence[ArrayLike], dark: ArrayLike, *, bit_depth: int | None = None) -> CameraFit:

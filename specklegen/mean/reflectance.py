@@ -15,7 +15,6 @@ A = 1 - R - T, exactly. Definitions and figures: van de Hulst, *Multiple Light S
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -24,8 +23,7 @@ from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import real_array, real_number
 from specklegen.core.budgets import DEFAULT_PATHS, Budget
-from specklegen.core.display.plot import Pictured
-from specklegen.core.display.repr import summary
+from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.kernels.analog_walk import ENTRANCE, FAR, SIDE
@@ -45,7 +43,7 @@ class Share(NamedTuple):
     standard_error: Any
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ReflectanceTransmittance(Pictured):
     """Where the light goes that falls on a medium.
 
@@ -94,30 +92,18 @@ class ReflectanceTransmittance(Pictured):
     transmitted_error: np.ndarray
     paths: int
 
-    def __repr__(self) -> str:
-        return summary(
-            self, reflectance=self.reflectance, transmittance=self.transmittance, absorptance=self.absorptance,
-            specular=self.specular, ballistic=self.ballistic, paths=self.paths,
-        )  # fmt: skip
-
-    def _facts(self) -> Mapping[str, object]:
-        named = {name: getattr(self, name) for name in ("reflectance", "transmittance", "absorptance")}
-        if self.sides:
-            named["sides"] = self.sides
-        shares = {name: f"{value:.4g} ± {getattr(self, f'{name}_error'):.1g}" for name, value in named.items()}
-        return shares | {"specular": self.specular, "ballistic": self.ballistic, "paths": self.paths}
+    _named = {"reflectance": "reflectance", "transmittance": "transmittance", "absorptance": "absorptance",
+              "share out of the sides": "sides", "specular": "specular", "ballistic": "ballistic",
+              "paths": "paths"}  # fmt: skip
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Both densities over the angle, bars of two standard errors."""
         middles = np.rad2deg((self.angles[1:] + self.angles[:-1]) / 2)
         lead = f"{label}: " if label else ""
         for name in ("reflected", "transmitted"):
-            density, error = getattr(self, name), getattr(self, f"{name}_error")
-            axes.errorbar(middles, density, 2 * error, fmt="o-", ms=3, lw=1, label=lead + name)
+            draw_curve(axes, middles, getattr(self, name), getattr(self, f"{name}_error"), lead + name)
         axes.set(xlabel="angle from the normal (degrees)", ylabel="share of the light per steradian")
         axes.set_ylim(bottom=0)
-        axes.legend()
-        axes.grid(alpha=0.3)
 
 
 def reflectance_transmittance(

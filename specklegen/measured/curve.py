@@ -1,7 +1,7 @@
 """Measured curves from text: a correlation over tilts, shifts or lags, with its errors where there are any."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from specklegen.core.arguments import whole_number
-from specklegen.core.display.plot import Pictured
-from specklegen.core.errors import counted, reject
+from specklegen.core.display.plot import Pictured, draw_curve
+from specklegen.core.errors import reject
 
 MOST_BYTES = 2**24
 """Length of a file, at most."""
@@ -47,23 +47,11 @@ class MeasuredCurve(Pictured):
     file: str
     lines: tuple[int, ...] = ()
 
-    def __repr__(self) -> str:
-        return f"MeasuredCurve({counted(len(self.at), 'value')} from {self.at[0]:g} to {self.at[-1]:g})"
-
-    def _facts(self) -> Mapping[str, object]:
-        return {
-            "file": self.file, "columns": ", ".join(self.names) or "without names",
-            "values": f"{len(self.at)} from {self.at[0]:g} to {self.at[-1]:g}",
-            "errors": "none" if self.errors is None else f"{self.errors.min():.3g} to {self.errors.max():.3g}",
-        }  # fmt: skip
+    _named = {"file": "file", "columns": "names", "at": "at", "values": "values", "standard errors": "errors"}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
-        axes.errorbar(self.at, self.values, self.errors, fmt="o", ms=3, lw=1, label=label)
-        axes.set_xlabel(self.names[0] if self.names else "")
-        axes.set_ylabel(self.names[1] if len(self.names) > 1 else "")
-        axes.grid(alpha=0.3)
-        if label is not None:
-            axes.legend()
+        xlabel, ylabel, *_ = *self.names, "", ""
+        draw_curve(axes, self.at, self.values, self.errors, label, fmt="o", xlabel=xlabel, ylabel=ylabel)
 
 
 def read_curve(path: str | Path, columns: Sequence[int] | None = None) -> MeasuredCurve:

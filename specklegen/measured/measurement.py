@@ -8,6 +8,7 @@ import numpy as np
 
 from specklegen.core.arguments import flag, real_number, whole_number
 from specklegen.core.display.plot import Pictured, draw_images
+from specklegen.core.display.repr import summary
 from specklegen.core.errors import counted, reject
 from specklegen.instrument.frames import MOST_PIXELS
 from specklegen.instrument.hot_pixels import filled, hot_among_neighbours, hot_in_dark
@@ -91,9 +92,7 @@ class Measurement(Pictured):
         return "\n".join(numbers + lists)
 
     def __repr__(self) -> str:
-        frames, height, width = self.light.shape
-        doubts = f", {counted(len(self.doubts), 'doubt')}" if self.doubts else ""
-        return f"Measurement({counted(frames, 'frame')} of {height} x {width} pixels{doubts})"
+        return summary(self, ("light", "doubts"))
 
     def _numbers(self) -> dict[str, object]:
         frames, height, width = self.light.shape
@@ -113,14 +112,11 @@ class Measurement(Pictured):
         }
 
     def _facts(self) -> Mapping[str, object]:
-        assumed, doubts = ("; ".join(lines) or "none" for lines in (self.assumed, self.doubts))
-        return self._numbers() | {"assumed": assumed, "doubts": doubts}
+        return self._numbers() | {"assumed": self.assumed, "doubts": self.doubts}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """First frames, side by side."""
         draw_images(axes, self.images[:4], [str(n) for n in range(min(4, len(self.light)))])
-        if label is not None:
-            axes.set_title(label)
 
 
 def read_measurement(

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import choice, finite_numbers, positive_number, real_number
-from specklegen.core.display.plot import Pictured
-from specklegen.core.errors import counted, reject
+from specklegen.core.display.plot import Pictured, draw_curve
+from specklegen.core.errors import reject
 from specklegen.measured.curve import read_curve
 
 SURE = 4.0
@@ -64,21 +64,11 @@ class _Curve(Observation):
         """Standard errors of the values, float64[M]."""
         return getattr(self, "error")  # noqa: B009
 
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({counted(len(self.at), 'value')} from {self.at[0]:g} to {self.at[-1]:g})"
-
     def _facts(self) -> Mapping[str, object]:
-        return {
-            "values": f"{len(self.at)}, {self._where} from {self.at[0]:g} to {self.at[-1]:g}",
-            "standard errors": f"{self.errors.min():.3g} to {self.errors.max():.3g}",
-        }
+        return {self._where: self.at, self._what: self.values, "standard errors": self.errors}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
-        axes.errorbar(self.at, self.values, 2 * self.errors, fmt="o", ms=3, lw=1, label=label)
-        axes.set(xlabel=self._where, ylabel=self._what)
-        axes.grid(alpha=0.3)
-        if label is not None:
-            axes.legend()
+        draw_curve(axes, self.at, self.values, self.errors, label, fmt="o", xlabel=self._where, ylabel=self._what)
 
     def _check(self) -> None:
         """Bring fields to arrays, and refuse what no measurement gives; the line of a file is named."""
@@ -300,14 +290,8 @@ class _Share(Observation):
         """float64[1]."""
         return np.array([self.error])
 
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.value:g} ± {self.error:g})"
-
-    def _facts(self) -> Mapping[str, object]:
-        return {"value": f"{self.value:g} ± {self.error:g}"}
-
     def _draw(self, axes: Any, label: str | None = None) -> None:
-        axes.errorbar([type(self).__name__], [self.value], [2 * self.error], fmt="o", ms=3, lw=1, label=label)
+        draw_curve(axes, [type(self).__name__], self.values, self.errors, label, fmt="o")
 
 
 class Transmittance(_Share):

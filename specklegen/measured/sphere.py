@@ -25,7 +25,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from specklegen.core.arguments import flag
-from specklegen.core.display.plot import Pictured
+from specklegen.core.display.plot import Pictured, draw_curve
+from specklegen.core.display.repr import summary
 from specklegen.core.errors import counted, reject
 from specklegen.measured.curve import text_of
 
@@ -168,16 +169,15 @@ class SphereReadings(Pictured):
 
     def explain(self) -> str:
         """Say what was read, and how large the correction is, a line each."""
-        return "\n".join(f"{name}: {value}" for name, value in self._facts().items())
+        return "\n".join(f"{name}: {value}" for name, value in self.facts().items())
 
     def __repr__(self) -> str:
-        number = len(self.columns["reflection"])
-        return f"SphereReadings({counted(number, 'sample')}, {', '.join(self.columns)})"
+        return summary(self, **self.columns)
 
     def _facts(self) -> Mapping[str, object]:
         glass = f", glass of {self.slide_index:g} on its faces" if self.slide_thickness else ", bare"
         facts: dict[str, object] = {
-            "file": self.file or "none", "sample": f"{self.thickness:g} mm of index {self.sample_index:g}{glass}",
+            "file": self.file, "sample": f"{self.thickness:g} mm of index {self.sample_index:g}{glass}",
             "readings": f"{len(self.columns['reflection'])} of {', '.join(self.columns)}",
         }  # fmt: skip
         if self.spheres == 1 and not self.dual_beam:
@@ -187,7 +187,7 @@ class SphereReadings(Pictured):
             facts["of its own error"] = f"{100 * doubt:.2g} %, were the diffuse reflectance off by .05"
         else:
             facts["correction"] = "none"
-        return facts | {"doubts": "; ".join(self.doubts) or "none"}
+        return facts | {"doubts": self.doubts}
 
     def _per_reflectance(self) -> float:
         """Relative change of the sphere's brightness with the reflectance in its port."""
@@ -199,12 +199,8 @@ class SphereReadings(Pictured):
         at = self.columns.get("wavelength", np.arange(len(self.columns["reflection"])))
         for name, values in zip(Shares._fields, self.corrected(), strict=True):
             if values is not None:
-                axes.plot(at, values, "o-", ms=3, lw=1, label=name)
+                draw_curve(axes, at, values, label=name)
         axes.set(xlabel="wavelength, nm" if "wavelength" in self.columns else "sample", ylabel="share", ylim=(0, 1))
-        axes.grid(alpha=0.3)
-        axes.legend()
-        if label is not None:
-            axes.set_title(label)
 
 
 def read_sphere(path: str | Path, *, dual_beam: bool = False) -> SphereReadings:

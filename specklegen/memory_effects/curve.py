@@ -20,8 +20,7 @@ from numpy.typing import ArrayLike
 from specklegen.core.arguments import choice, instance, positive_number, real_array, real_number
 from specklegen.core.budgets import Budget, Reverse, require_time
 from specklegen.core.decision import Decision
-from specklegen.core.display.plot import Pictured
-from specklegen.core.display.repr import summary
+from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.labelled import Labelled, Labels
 from specklegen.core.memory import require_memory
@@ -158,7 +157,7 @@ def require_axial(
                float(np.abs(tilts).max()), "joint_correlation takes larger ones, to first order.")  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MemoryEffect(Pictured, Labelled):
     """A memory-effect curve.
 
@@ -214,18 +213,9 @@ class MemoryEffect(Pictured, Labelled):
     channel: Channel = "none"
     azimuth: float = 0.0
 
-    def __repr__(self) -> str:
-        return summary(self, tilts=self.tilts, intensity=self.intensity, paths=self.paths, reverse=self.reverse)
-
-    def _facts(self) -> Mapping[str, object]:
-        errors = self.standard_error[np.isfinite(self.standard_error)]
-        return {
-            "tilts": f"{len(self.tilts)}, up to {np.rad2deg(np.abs(self.tilts).max(initial=0.0)):.4g}°",
-            "largest standard error": float(errors.max(initial=0.0)) if len(errors) else "undefined",
-            "share of single scattering": self.single_share,
-            "paths": self.paths,
-            "reversed paths": "used" if self.reverse else "left out",
-        }
+    _named = {"tilts, rad": "tilts", "intensity correlation": "intensity", "standard error": "standard_error",
+              "share of single scattering": "single_share", "paths": "paths", "reversed paths": "reverse"}  # fmt: skip
+    _single = ("single_share", "paths", "reverse", "near_field", "channel", "azimuth")
 
     def _arrays(self) -> Mapping[str, Labels]:
         along = ("tilts",)
@@ -235,17 +225,12 @@ class MemoryEffect(Pictured, Labelled):
             "decorrelation": Labels(along, self.decorrelation), "standard_error": Labels(along, self.standard_error),
         }  # fmt: skip
 
-    def _numbers(self) -> Mapping[str, str | int | float | bool]:
-        return {"single_share": self.single_share, "paths": self.paths, "reverse": self.reverse,
-                "near_field": self.near_field, "channel": self.channel, "azimuth": self.azimuth}  # fmt: skip
-
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """C_I over the tilt in units of the slab, with bars of two standard errors."""
-        axes.errorbar(np.abs(self.q), self.intensity, 2 * self.standard_error, fmt="o-", ms=3, lw=1, label=label)
-        axes.set_xlabel(r"tilt  $q = k\,\sin\theta\,L$")
-        axes.set_ylabel(r"intensity correlation  $C_I$")
-        axes.set_ylim(-0.03, 1.05)
-        axes.grid(alpha=0.3)
+        draw_curve(
+            axes, np.abs(self.q), self.intensity, self.standard_error, label, xlabel=r"tilt  $q = k\,\sin\theta\,L$",
+            ylabel=r"intensity correlation  $C_I$", ylim=(-0.03, 1.05),
+        )  # fmt: skip
 
 
 @shielded()

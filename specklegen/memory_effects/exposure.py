@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import array_from_zero
-from specklegen.core.display.plot import Pictured
+from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.display.repr import short
 from specklegen.core.labelled import Labelled, Labels
 from specklegen.core.memory import require_memory
@@ -27,7 +27,7 @@ from specklegen.theory.speckle_contrast import exposure_nodes
 _EXPOSURE_BYTES = 8 * 2**20  # of one exposure: sums of 64 batches at its nodes, with their jackknife
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ExposureContrast(Pictured, Labelled):
     """Squared contrast of speckle over exposures.
 
@@ -58,19 +58,12 @@ class ExposureContrast(Pictured, Labelled):
     squared: np.ndarray
     standard_error: np.ndarray
 
-    __repr__ = short
+    _named = {"exposures": "exposures", "K^2": "squared", "standard error": "standard_error"}
 
     @property
     def contrast(self) -> np.ndarray:
         """K float64[...]."""
         return np.sqrt(np.maximum(self.squared, 0.0))
-
-    def _facts(self) -> Mapping[str, object]:
-        return {
-            "exposures": f"{self.exposures.size}, up to {self.exposures.max(initial=0.0):.4g}",
-            "K^2": f"{self.squared.min(initial=1.0):.4g} to {self.squared.max(initial=0.0):.4g}",
-            "largest standard error": float(self.standard_error.max(initial=0.0)),
-        }
 
     def _arrays(self) -> Mapping[str, Labels]:
         along = ("exposures",) if self.exposures.ndim == 1 else tuple(f"axis_{n}" for n in range(self.exposures.ndim))
@@ -83,10 +76,9 @@ class ExposureContrast(Pictured, Labelled):
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """K^2 over the exposure, with bars of two standard errors."""
         order = np.argsort(self.exposures, axis=None)
-        exposures, squared, bars = (a.ravel()[order] for a in (self.exposures, self.squared, 2 * self.standard_error))
-        axes.errorbar(exposures, squared, bars, fmt="o-", ms=3, lw=1, label=label)
-        axes.set(xlabel="exposure", ylabel=r"$K^2$", xscale="log", yscale="log")
-        axes.grid(alpha=0.3)
+        exposures, squared, error = (a.ravel()[order] for a in (self.exposures, self.squared, self.standard_error))
+        scales = {"xscale": "log", "yscale": "log"}
+        draw_curve(axes, exposures, squared, error, label, xlabel="exposure", ylabel=r"$K^2$", **scales)
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,7 @@ from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import positive_number, real_array
 from specklegen.core.budgets import Budget, require_time
-from specklegen.core.display.plot import Pictured
-from specklegen.core.display.repr import short
+from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject
 from specklegen.core.labelled import Labelled, Labels
 from specklegen.core.memory import require_memory
@@ -42,7 +41,7 @@ from specklegen.scene.screens import ScreenStack, ThinMedium, require_thin
 from specklegen.theory.phase_screens import coherence, spread, tilt_ways
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class JointCorrelation(Pictured, Labelled):
     """Correlation of the scattered field with itself, tilted and shifted along x.
 
@@ -75,14 +74,9 @@ class JointCorrelation(Pictured, Labelled):
     plane: float
     lags: np.ndarray = field(default_factory=lambda: np.zeros(()))
 
-    __repr__ = short
-
-    def _facts(self) -> Mapping[str, object]:
-        return {
-            "tilts, shifts": "x".join(map(str, self.magnitude.shape)),
-            "largest standard error": float(self.standard_error.max()),
-            "plane": self.plane,
-        }
+    _named = {"tilts (sine)": "tilts", "shifts": "shifts", "|C|": "magnitude", "standard error": "standard_error",
+              "plane": "plane"}  # fmt: skip
+    _single = ("plane",)
 
     def _arrays(self) -> Mapping[str, Labels]:
         axes = ("tilts", "shifts", "lags")[: self.magnitude.ndim]
@@ -92,9 +86,6 @@ class JointCorrelation(Pictured, Labelled):
             "lags": Labels(axes[2:], self.lags, "time of the motion", coordinate=True),
             "magnitude": Labels(axes, self.magnitude), "standard_error": Labels(axes, self.standard_error),
         }  # fmt: skip
-
-    def _numbers(self) -> Mapping[str, str | int | float | bool]:
-        return {"plane": self.plane}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """|C| with the best shift of each tilt as a dashed line; a curve where there is one tilt, or one shift.
@@ -107,9 +98,8 @@ class JointCorrelation(Pictured, Labelled):
             return
         if 1 in self.magnitude.shape:
             over, name = (self.shifts, "shift") if len(self.tilts) == 1 else (self.tilts, "tilt (sine)")
-            bars = 2 * self.standard_error.ravel()
-            axes.errorbar(over, self.magnitude.ravel(), bars, fmt="o-", ms=3, lw=1, label=label)
-            axes.set(xlabel=name, ylabel="|C|", ylim=(-0.03, 1.05))
+            magnitude, error = self.magnitude.ravel(), self.standard_error.ravel()
+            draw_curve(axes, over, magnitude, error, label, xlabel=name, ylabel="|C|", ylim=(-0.03, 1.05))
             return
         rows, columns = np.argsort(self.tilts), np.argsort(self.shifts)
         tilts, shifts = self.tilts[rows], self.shifts[columns]
@@ -117,7 +107,7 @@ class JointCorrelation(Pictured, Labelled):
         axes.figure.colorbar(shown, ax=axes, label="|C|")
         across = axes.get_xlim()
         axes.plot(self.plane * tilts, tilts, "--", color="white", lw=1)
-        axes.set(xlabel="shift", ylabel="tilt (sine)", xlim=across, title=label or "")
+        axes.set(xlabel="shift", ylabel="tilt (sine)", xlim=across)
 
 
 @shielded()

@@ -8,7 +8,6 @@ of a path together where they interfere. Van de Hulst, *Light Scattering by Smal
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +17,6 @@ from numpy.typing import ArrayLike
 from specklegen.core.arguments import complex_array
 from specklegen.core.budgets import Budget, Reverse
 from specklegen.core.display.plot import Pictured
-from specklegen.core.display.repr import short
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
 from specklegen.core.random_streams import Seed, pilot_seed
@@ -36,7 +34,7 @@ _SPINS = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -
 """Matrices of I, Q, U and V."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MuellerMatrix(Pictured):
     """What a slab makes of the Stokes vector (I, Q, U, V) of light along its axis, on average over the particles.
 
@@ -74,7 +72,8 @@ class MuellerMatrix(Pictured):
     paths: int
     reverse: bool
 
-    __repr__ = short
+    _named = {"degree of polarisation, linear": "linear", "degree of polarisation, circular": "circular",
+              "paths": "paths", "reversed paths": "reverse"}  # fmt: skip
 
     @property
     def contrast(self) -> float:
@@ -93,21 +92,12 @@ class MuellerMatrix(Pictured):
         analyser = np.einsum("a,iab,b->i", passed.conj(), _SPINS, passed).real
         return float(analyser @ self.matrix @ stokes) / 2
 
-    def _facts(self) -> Mapping[str, object]:
-        return {
-            "degree of polarisation, linear": f"{self.linear:.4g} +- {self.linear_error:.1g}",
-            "degree of polarisation, circular": f"{self.circular:.4g} +- {self.circular_error:.1g}",
-            "paths": self.paths,
-            "reversed paths": "used" if self.reverse else "left out",
-        }
-
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """The matrix over its first element."""
         shown = axes.imshow(self.matrix / self.matrix[0, 0], cmap="RdBu", vmin=-1, vmax=1)
         axes.figure.colorbar(shown, ax=axes)
         axes.set_xticks(range(4), ["I", "Q", "U", "V"])
         axes.set_yticks(range(4), ["I", "Q", "U", "V"])
-        axes.set_title(label or "")
 
 
 def _field(name: str, value: ArrayLike) -> np.ndarray:

@@ -21,8 +21,7 @@ from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import array_from_zero, positive_number, real_array
 from specklegen.core.budgets import Budget, Reverse, require_time
-from specklegen.core.display.plot import Pictured
-from specklegen.core.display.repr import short
+from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.labelled import Labelled, Labels
 from specklegen.core.memory import require_memory
@@ -49,7 +48,7 @@ from specklegen.scene.media import Box, Medium, PlaneMedium, VoxelGrid, as_slab,
 from specklegen.scene.motion import law_of, reduced_time
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TemporalCorrelation(Pictured, Labelled):
     """Correlation of a speckle with itself a while later, and a tilt apart if asked.
 
@@ -110,7 +109,10 @@ class TemporalCorrelation(Pictured, Labelled):
     azimuth: float = 0.0
     components: int = 1
 
-    __repr__ = short
+    _named = {"lags": "lags", "k^2 <Dr^2> / 6": "x", "intensity correlation": "intensity",
+              "standard error": "standard_error", "share at rest": "static_share", "paths": "paths",
+              "reversed paths": "reverse"}  # fmt: skip
+    _single = ("static_share", "paths", "reverse", "channel", "azimuth", "components")
 
     @shielded()
     def contrast(self, exposures: ArrayLike) -> ExposureContrast:
@@ -135,17 +137,6 @@ class TemporalCorrelation(Pictured, Labelled):
                    "Without an analyser K^2 is that of both, each times its squared share of the light.")  # fmt: skip
         return self.classes.contrast("TemporalCorrelation.contrast", exposures)
 
-    def _facts(self) -> Mapping[str, object]:
-        errors = self.standard_error[np.isfinite(self.standard_error)]
-        return {
-            "lags": f"{self.lags.size}, up to {self.lags.max(initial=0.0):.4g}",
-            "x": f"up to {self.x.max(initial=0.0):.4g}",
-            "largest standard error": float(errors.max(initial=0.0)) if errors.size else "undefined",
-            "share at rest": self.static_share,
-            "paths": self.paths,
-            "reversed paths": "used" if self.reverse else "left out",
-        }
-
     def _arrays(self) -> Mapping[str, Labels]:
         along = ("lags",) if self.lags.ndim == 1 else tuple(f"axis_{n}" for n in range(self.lags.ndim))
         return {
@@ -155,18 +146,12 @@ class TemporalCorrelation(Pictured, Labelled):
             "standard_error": Labels(along, self.standard_error),
         }  # fmt: skip
 
-    def _numbers(self) -> Mapping[str, str | int | float | bool]:
-        return {"static_share": self.static_share, "paths": self.paths, "reverse": self.reverse,
-                "channel": self.channel, "azimuth": self.azimuth, "components": self.components}  # fmt: skip
-
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """|g1|^2 over the lag, with bars of two standard errors."""
-        lags, intensity, bars = (a.ravel() for a in (self.lags, self.intensity, 2 * self.standard_error))
-        axes.errorbar(lags, intensity, bars, fmt="o-", ms=3, lw=1, label=label)
+        lags, intensity, error = (a.ravel() for a in (self.lags, self.intensity, self.standard_error))
+        draw_curve(axes, lags, intensity, error, label, xlabel="lag", ylabel=r"$g_2 - 1 = |g_1|^2$", ylim=(-0.03, 1.05))
         if (lags > 0).sum() > 2 and lags.max() > 30 * lags[lags > 0].min():
             axes.set_xscale("symlog", linthresh=lags[lags > 0].min())
-        axes.set(xlabel="lag", ylabel=r"$g_2 - 1 = |g_1|^2$", ylim=(-0.03, 1.05))
-        axes.grid(alpha=0.3)
 
 
 @shielded()

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from specklegen.core.decision import Decision
-from specklegen.core.display.plot import Pictured
-from specklegen.core.display.repr import summary
+from specklegen.core.display.plot import Pictured, decided
 from specklegen.core.errors import counted
 from specklegen.instrument.lens import Lens
 from specklegen.mean.field import ballistic_fraction
@@ -18,7 +17,7 @@ _LIGHTS = {"PlaneWaves": "plane wave", "PointSources": "point source", "Incohere
 _FOCI = "focal point"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plan(Pictured):
     """Steps of a render, the parts left out with their reasons, and the cost.
 
@@ -73,21 +72,14 @@ class Plan(Pictured):
     lens: Lens | None = None
     pixel: PathMoments | None = None
 
-    def __repr__(self) -> str:
-        return summary(
-            self, sampler=self.sampler, summation=self.summation, paths=self.paths, expected_error=self.expected_error,
-            seconds=self.seconds, memory_bytes=self.memory_bytes,
-        )  # fmt: skip
+    _named = {
+        "sampler": "sampler", "summation": "summation", "paths": "paths", "expected error": "expected_error",
+        "time": "seconds", "memory": "memory_bytes",
+    }  # fmt: skip
 
     def _facts(self) -> Mapping[str, object]:
-        return {
-            "sampler": f"{self.sampler} ({self.summation})",
-            "paths": self.paths,
-            "expected error": self.expected_error,
-            "speckle": self.gaussianity,
-            "time": f"{self.seconds:.2g} s",
-            "memory": f"{self.memory_bytes / 2**20:.0f} MiB",
-        } | {d.part: f"{'used' if d.needed else 'left out'}: {d.reason}" for d in self.decisions}
+        cost = {"time": f"{self.seconds:.2g} s", "memory": f"{self.memory_bytes / 2**20:.0f} MiB"}
+        return {**super()._facts(), **cost, "speckle": self.gaussianity, **decided(self.decisions)}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         self.scene.plot(axes, label)

@@ -275,7 +275,6 @@ class Scene(Value, Pictured):
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         draw_scene(axes, self)
-        axes.set_title(label or "")
 
     def unitless_fingerprint(self) -> str:
         """SHA-256 of the scene with every length in wavelengths, to 9 digits: the same in any unit, on any processor.

@@ -7,7 +7,6 @@ watts. In free space this is Friis' formula, (wavelength / 4 pi R)^2 G_t G_r.
 Source: S. Steinberg, M. Pharr, *Wave Tracing*, section on coverage; H. T. Friis, Proc. IRE 34, 254 (1946).
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Self
 
@@ -16,7 +15,6 @@ from pydantic import Field, model_validator
 
 from specklegen.core.arguments import choice, instance, positive_number
 from specklegen.core.display.plot import Pictured, draw_map
-from specklegen.core.display.repr import short
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads
 from specklegen.core.random_streams import Seed
@@ -63,7 +61,7 @@ class Transmitter(Value):
         return self
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Coverage(Pictured):
     """Received power over a map.
 
@@ -91,19 +89,12 @@ class Coverage(Pictured):
     ledger: Ledger | None
     statistics: Statistics | None
 
-    __repr__ = short
-
-    def _facts(self) -> Mapping[str, object]:
-        return {
-            "map": "x".join(map(str, self.rss_dBm.shape)),
-            "cells without power": int(np.ma.count_masked(self.rss_dBm)),
-            "median standard error, dB": float(np.ma.median(self.error)) if self.error.count() else "undefined",
-        }
+    _named = {"received power, dB over 1 mW": "rss_dBm", "standard error, dB": "error"}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Received power; cells without any are left white."""
         draw_map(axes, self.rss_dBm, "received power, dB over 1 mW", cmap="viridis")
-        axes.set(xlabel="column of the map", ylabel="row", title=label or "")
+        axes.set(xlabel="column of the map", ylabel="row")
 
 
 def coverage(

@@ -7,7 +7,7 @@ that results are the same for any number of threads.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import choice, positive_number, real_array, whole_number
 from specklegen.core.display.plot import Pictured
-from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
 from specklegen.core.parallel import map_blocks, slices
@@ -40,7 +39,7 @@ MOST_CELLS = 1 << 24
 """Cells of a table at most: 256 MiB."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Pattern(Pictured):
     """Wavevectors drawn from a diffraction pattern.
 
@@ -68,10 +67,7 @@ class Pattern(Pictured):
     evanescent: int
     failed: int
 
-    __repr__ = short
-
-    def _facts(self) -> Mapping[str, object]:
-        return {"draws": len(self.xi), "trials": self.trials, "evanescent": self.evanescent, "failed": self.failed}
+    _named = {"wavevectors drawn": "xi", "trials": "trials", "evanescent": "evanescent", "failed": "failed"}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Histogram of the draws, without the outermost of their long tails."""
@@ -82,7 +78,7 @@ class Pattern(Pictured):
             axes.set(xlabel="wavevector ξ", ylabel="draws")
             return
         axes.hist2d(*found.T, bins=100, range=[[-reach, reach]] * 2, cmap="magma")
-        axes.set(xlabel="wavevector ξ along x", ylabel="along y", title=label or "", aspect="equal")
+        axes.set(xlabel="wavevector ξ along x", ylabel="along y", aspect="equal")
 
 
 def sample_slits(

@@ -1,6 +1,5 @@
 """Planes with a grid: receivers, maps, and the grids of fields; and a field on one."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, Self
@@ -10,7 +9,6 @@ from pydantic import model_validator
 
 from specklegen.core.arguments import complex_array, real_number
 from specklegen.core.display.plot import Pictured, draw_map
-from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.values import Array, Positive, PositiveInt, Value, read_only
 
@@ -80,7 +78,7 @@ class Plane(Value):
         return read_only(self.center + x[None, :, None] * self.axes[0] + y[:, None, None] * self.axes[1])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PlaneField(Pictured):
     """A complex field on the grid of a plane.
 
@@ -105,7 +103,7 @@ class PlaneField(Pictured):
     pitch: float
     wavelength: float
 
-    __repr__ = short
+    _named = {"|u|": "values", "pitch": "pitch", "wavelength": "wavelength", "power": "power"}
 
     def __post_init__(self) -> None:
         values = complex_array("PlaneField.values", self.values)
@@ -117,19 +115,11 @@ class PlaneField(Pictured):
                 reject(f"PlaneField.{name}", "finite and greater than 0", value)
         object.__setattr__(self, "values", values)
 
-    def _facts(self) -> Mapping[str, object]:
-        return {
-            "values": "x".join(map(str, self.values.shape)),
-            "pitch": self.pitch,
-            "wavelength": self.wavelength,
-            "power": self.power,
-        }
-
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """|u|^2, with lengths beside it."""
         rows, columns = (n * self.pitch / 2 for n in self.values.shape)
         draw_map(axes, np.square(np.abs(self.values)), "|u|²", span=(-columns, columns, -rows, rows), low=0)
-        axes.set(xlabel="x", ylabel="y", title=label or "")
+        axes.set(xlabel="x", ylabel="y")
 
     @property
     def power(self) -> float:

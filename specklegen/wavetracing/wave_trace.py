@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from specklegen.core.display.plot import Pictured, draw_map
-from specklegen.core.display.repr import short
+from specklegen.core.display.plot import Pictured, draw_map, written
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,7 @@ class Statistics:
         return self.surface / max(1, self.surface + self.open + self.matter)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class WaveTrace(Pictured):
     """Power on receivers.
 
@@ -134,14 +133,11 @@ class WaveTrace(Pictured):
     ledger: Ledger
     statistics: Statistics
 
-    __repr__ = short
-
     def _facts(self) -> Mapping[str, object]:
-        sizes = ", ".join("x".join(map(str, each.shape)) for each in self.irradiance)
-        return {"receivers": sizes or "none"} | asdict(self.ledger)
+        return {"receivers": [written(image) for image in self.irradiance]} | asdict(self.ledger)
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Irradiance of the first receiver."""
         if self.irradiance:
             draw_map(axes, self.irradiance[0], "irradiance", low=0)
-        axes.set(xlabel="column of the receiver", ylabel="row", title=label or "")
+        axes.set(xlabel="column of the receiver", ylabel="row")

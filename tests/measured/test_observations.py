@@ -23,7 +23,7 @@ def test_values_are_arrays_of_one_shape():
     assert not curve.planned
     assert MemoryCurve(TILTS, None, 0.01).planned
     assert Transmittance(None, 0.01).planned
-    assert "tilts from 0.0001 to 0.0003" in curve._repr_html_()
+    assert curve.facts()["tilts"] == "3 values, 0.0001 to 0.0003"
 
 
 @pytest.mark.parametrize(

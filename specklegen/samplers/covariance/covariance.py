@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike
 from specklegen.core.arguments import instance, real_array, whole_number
 from specklegen.core.budgets import Budget, Reverse
 from specklegen.core.decision import Decision
-from specklegen.core.display.plot import Pictured
-from specklegen.core.display.repr import summary
+from specklegen.core.display.plot import Pictured, decided, draw_curve
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.labelled import Labelled, Labels
 from specklegen.core.memory import require_memory
@@ -46,7 +45,7 @@ from specklegen.scene.scene import Scene, require_no_film, require_no_focus
 from specklegen.scene.validity import warn_of_doubts
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Covariance(Pictured, Labelled):
     """Covariance of the field between every two of (light, view), or some of them.
 
@@ -94,16 +93,11 @@ class Covariance(Pictured, Labelled):
     unfinished: int
     decisions: tuple[Decision, ...] = ()
 
-    def __repr__(self) -> str:
-        return summary(self, value=self.value, paths=self.paths, reverse=self.reverse, rel_error=self.rel_error)
+    _named = {"|C|": "value", "paths": "paths", "reversed paths": "reverse", "largest relative error": "rel_error"}
+    _single = ("paths", "reverse", "rel_error", "unfinished")
 
     def _facts(self) -> Mapping[str, object]:
-        return {
-            "value": "x".join(map(str, self.value.shape)),
-            "largest relative error": self.rel_error,
-            "paths": self.paths,
-            "reversed paths": "used" if self.reverse else "left out",
-        } | {d.part: f"{'used' if d.needed else 'left out'}: {d.reason}" for d in self.decisions}
+        return {**super()._facts(), **decided(self.decisions)}
 
     def _arrays(self) -> Mapping[str, Labels]:
         axes = {1: ("pair",), 3: ("row", "other_light", "other_view"),
@@ -112,23 +106,15 @@ class Covariance(Pictured, Labelled):
         names = ("value", "standard_error", "single", "multiple")
         return {name: Labels(axes, getattr(self, name), unit) for name in names}
 
-    def _numbers(self) -> Mapping[str, str | int | float | bool]:
-        return {"paths": self.paths, "reverse": self.reverse, "rel_error": self.rel_error,
-                "unfinished": self.unfinished}  # fmt: skip
-
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """|C|: a matrix of all (light, view), or a curve of the chosen pairs with bars of two standard errors."""
-        axes.set_title(label or "")
         size = np.abs(self.value)
         if size.ndim == 1:
-            axes.errorbar(np.arange(len(size)), size, 2 * self.standard_error, fmt="o-", ms=3, lw=1)
-            axes.set_xlabel("pair")
-            axes.set_ylabel("|C|")
+            draw_curve(axes, np.arange(len(size)), size, self.standard_error, label, xlabel="pair", ylabel="|C|")
             return
         rows = size.shape[0] * (size.shape[1] if size.ndim == 4 else 1)
         axes.imshow(size.reshape(rows, -1), cmap="magma", vmin=0, aspect="auto", interpolation="nearest")
-        axes.set_xlabel("(light, view)")
-        axes.set_ylabel("(light, view)")
+        axes.set(xlabel="(light, view)", ylabel="(light, view)")
 
     @property
     def intensity(self) -> np.ndarray:

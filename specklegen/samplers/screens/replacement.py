@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from specklegen.core.arguments import instance, positive_number, whole_number
-from specklegen.core.display.plot import Pictured
-from specklegen.core.display.repr import short
+from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.shielded import shielded
@@ -30,7 +29,7 @@ _REACH, _TILTS = 2.0, 17  # in half ranges of the slab
 _MOST_SCREENS = 10_000  # no slab needs as many; each is a value of the stack
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Replacement(Pictured):
     """A stack like a slab, with the error that it makes.
 
@@ -67,22 +66,18 @@ class Replacement(Pictured):
     transmittance: float
     transmittance_error: float
 
-    __repr__ = short
+    _named = {"largest difference of C_I": "error", "C_I of the slab": "of_slab", "standard error": "standard_error",
+              "radiance straight ahead, over the slab's": "radiance",
+              "share of light that the slab lets through": "transmittance"}  # fmt: skip
 
     def _facts(self) -> Mapping[str, object]:
-        return {
-            "screens": len(self.stack.screens),
-            "largest difference of C_I": self.error,
-            "largest standard error": float(self.standard_error.max()),
-            "radiance straight ahead, over the slab's": self.radiance,
-            "share of light that the slab lets through": self.transmittance,
-        }
+        return {"screens": len(self.stack.screens), **super()._facts()}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Both curves of C_I, the slab's with bars of two standard errors."""
-        axes.errorbar(self.tilts, self.of_slab, 2 * self.standard_error, fmt="o", ms=3, lw=1, label="slab")
+        draw_curve(axes, self.tilts, self.of_slab, self.standard_error, "slab", fmt="o")
         axes.plot(self.tilts, self.of_stack, label="stack of screens")
-        axes.set(xlabel="tilt (sine)", ylabel=r"intensity correlation  $C_I$", ylim=(-0.03, 1.05), title=label or "")
+        axes.set(xlabel="tilt (sine)", ylabel=r"intensity correlation  $C_I$", ylim=(-0.03, 1.05))
         axes.legend()
 
     @property

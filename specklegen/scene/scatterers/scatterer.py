@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import BeforeValidator, SerializeAsAny, WithJsonSchema
 
 from specklegen.core.content import Admitted, content_digest
-from specklegen.core.display.plot import Pictured
+from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject
 from specklegen.core.registry import imported, is_import_path
 
@@ -96,17 +96,16 @@ class Scatterer(Admitted, Pictured):
 
     def _facts(self) -> Mapping[str, object]:
         own = {name: getattr(self, name) for name in type(self).model_fields if name != "type"}
-        own = {name: f"{v.dtype}{list(v.shape)}" if isinstance(v, np.ndarray) else v for name, v in own.items()}
         return own | {"mean cosine": self.mean_cosine()}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """The phase function |s|^2 in space, per steradian, over the scattering angle."""
         angles = np.linspace(0, np.pi, 721)
         power = sum(share * np.abs(each.amplitude(np.cos(angles))) ** 2 for each, share in self.components)
-        axes.semilogy(np.rad2deg(angles), power, label=label)
-        axes.set_xlabel("scattering angle, degrees")
-        axes.set_ylabel("phase function, 1 / sr")
-        axes.grid(alpha=0.3)
+        draw_curve(
+            axes, np.rad2deg(angles), power, label=label, fmt="-", xlabel="scattering angle, degrees",
+            ylabel="phase function, 1 / sr", yscale="log",
+        )  # fmt: skip
 
     def shape(self, cos: np.ndarray, dimensions: Dimensions = 3) -> np.ndarray:
         """Amplitude at cosines float64[...], real or complex, up to a factor: what a subclass says."""

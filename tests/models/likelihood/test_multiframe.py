@@ -136,7 +136,7 @@ def test_it_is_a_function_of_images_and_seed():
     assert not torch.equal(other.image, found.image)
     assert np.isnan(other.agreement)
     assert isinstance(other, Multiframe)
-    assert repr(other).startswith("Multiframe(3 objects")
+    assert repr(other).startswith("Multiframe(image=float32[3, ")
 
 
 @pytest.mark.parametrize(

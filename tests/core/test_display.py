@@ -1,4 +1,4 @@
-"""Pictures and tables of results: what a notebook shows, and ``.plot()``."""
+"""Display of results: a line, a table of facts, a picture; no arrays in full, and no address."""
 
 import base64
 import importlib
@@ -6,12 +6,13 @@ import io
 import re
 import subprocess
 import sys
-from dataclasses import is_dataclass
-from html.parser import HTMLParser
+from dataclasses import fields, is_dataclass
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import torch
+from fake_recipe import FakeRecipe
 from matplotlib.figure import Figure
 from PIL import Image
 from scenes import ROOT
@@ -19,8 +20,12 @@ from small_stores import make
 
 import specklegen as sg
 from specklegen import coherence, fdtd, wavetracing
-from specklegen.core.display.plot import Pictured, card, draw_images
-from specklegen.datasets import SpeckleCache, load_recipe
+from specklegen.core.display.plot import Pictured, card, draw_images, written
+from specklegen.core.display.repr import summary
+from specklegen.core.errors import counted
+from specklegen.core.values import Value
+from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
+from specklegen.models import Periodogram, PhotographVerdict, load_pretrained, load_solver
 from specklegen.models.judging.evaluation import Evaluation
 from specklegen.models.judging.results import Results
 from specklegen.models.likelihood.common_medium import Joint
@@ -121,59 +126,60 @@ SHOWN = {
 }  # fmt: skip
 
 
-class Tree(HTMLParser):
-    """Counts what is opened and closed."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.cells: list[str] = []
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag, attrs):
-        if tag not in ("img", "br"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.cells.append(data)
-
-
-def picture(text: str) -> np.ndarray:
-    (encoded,) = re.findall(r'src="data:image/png;base64,([^"]+)"', text)
-    return np.asarray(Image.open(io.BytesIO(base64.b64decode(encoded))).convert("L"))
+LINES = {
+    "joint correlation": "JointCorrelation(tilts=float64[3], shifts=float64[2], magnitude=float64[3, 2], standard_",
+    "plan": "Plan(sampler='paths', summation='nufft', paths=64, expected_error=",
+    "stack": "SpeckleStack(field=complex64[2, 12, 13], sampler='paths', paths=64)",
+    "curve": "MemoryEffect(tilts=float64[2], intensity=float64[2], ",
+    "covariance": "Covariance(value=complex128[2, 3, 2, 3], paths=64, ",
+}
+TABLES = {
+    "joint correlation": {"tilts (sine)": "3 values, 0 to 0.002", "|C|": "3 x 2 values, 0."},
+    "coverage": {"received power, dB over 1 mW": "6 x 8 values, -69.22 to -40.4, 5 undefined"},
+    "curve of no light": {"standard error": "1 values, 1 undefined", "reversed paths": "no"},
+    "objects through one medium": {"objects": "3 x 8 x 8 values, 0.", "agreement of starts": "0.97"},
+    "plan": {"memory": "", "time": "", "stationary sampler": "left out: "},
+    "reflectance of a box": {"share out of the sides": "0.4375 ± 0.06"},
+    "stack": {"paths": "64", "mean field added": "no", "speckle": "enough paths"},
+    "what images together tell": {"turned from what was given": "1 of 3"},
+}
 
 
 @pytest.mark.parametrize("name", SHOWN)
-def test_a_notebook_shows_a_picture_and_a_table(name):
+def test_a_result_has_a_line_a_table_and_a_picture(name):
     thing = SHOWN[name]()
+    line = repr(thing)
+    assert line.startswith(LINES.get(name, f"{type(thing).__name__}("))
+    assert "\n" not in line or isinstance(thing, Value)
     text = thing._repr_html_()
-    tree = Tree(text)
-    assert tree.open == []
-    assert tree.cells[0] == type(thing).__name__
-    assert len(tree.cells) >= 5  # a title, and at least two rows
     assert len(text) < 600_000
-    assert picture(text).min() < 128 < picture(text).max()  # something is drawn
-
-
-@pytest.mark.parametrize("name", SHOWN)
-def test_plot_draws_on_the_axes_that_it_is_given(name):
+    tree = ElementTree.fromstring(text)
+    assert tree.findtext("strong") == type(thing).__name__
+    rows = {row.findtext("th"): row.findtext("td") for row in tree.iter("tr")}
+    assert rows == thing.facts()
+    assert all(rows[fact].startswith(start) for fact, start in TABLES.get(name, {}).items()), rows
+    encoded = tree.find("img").get("src").removeprefix("data:image/png;base64,")
+    picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(encoded))).convert("L"))
+    assert picture.min() < 128 < picture.max()  # something is drawn
     axes = Figure().subplots()
-    assert SHOWN[name]().plot(axes) is axes
+    assert thing.plot(axes, "fog") is axes
     assert axes.lines or axes.images or axes.patches or axes.collections
+    labels = [*axes.get_legend_handles_labels()[1], axes.get_title()]
+    assert any("fog" in label for label in labels)  # the name of a curve, or a title
+
+
+def test_values_of_a_table_are_written_in_words():
+    known = {1 / 3: "0.3333", True: "yes", None: "none", (): "none", ("a", "b"): "a; b", "x": "x", 7: "7"}
+    assert {value: written(value) for value in known} == known
+    assert written(np.array([1 + 1j, 0])) == "2 values, 0 to 1.414"
+    assert written(torch.tensor([[True, False]])) == "1 of 1 x 2"
 
 
 def test_a_curve_is_plotted_as_it_is():
     curve = sg.memory_effect(SLAB, wavelength=0.5, tilts=[-1e-3, 0.0, 2e-3], paths=128)
-    axes = Figure().subplots()
-    curve.plot(axes, label="fog")
-    line = axes.lines[0]
+    line = curve.plot(Figure().subplots(), label="fog").lines[0]
     np.testing.assert_array_equal(line.get_xdata(), np.abs(curve.q))
     np.testing.assert_array_equal(line.get_ydata(), curve.intensity)
-    assert axes.get_legend_handles_labels()[1] == ["fog"]
 
 
 def test_the_best_shift_of_a_tilt_is_drawn_through_the_maximum():
@@ -193,40 +199,64 @@ def test_the_best_shift_of_a_tilt_is_drawn_through_the_maximum():
 def test_a_store_shows_what_is_there_already(tmp_path):
     make(tmp_path / "a.zarr", samples=3)
     cache = SpeckleCache(tmp_path / "a.zarr")
-    axes = Figure().subplots()
-    cache.plot(axes)
-    shown = axes.images[0].get_array()
+    shown = cache.plot(Figure().subplots()).images[0].get_array()
     image = np.abs(cache.numpy(0)[cache.keys[0]])
     np.testing.assert_array_equal(shown[: image.shape[-2], : image.shape[-1]], image.reshape(-1, *image.shape[-2:])[0])
-    assert "<td" in cache._repr_html_()
+    assert cache.facts()["samples"] == "3"
 
 
+ROOMS = ("datasets", "models", "fdtd", "coherence", "instrument", "wavetracing")
+PACKAGES = ("specklegen", *(f"specklegen.{name}" for name in ROOMS))
+PUBLIC = [
+    kind
+    for package in PACKAGES
+    for kind in (getattr(importlib.import_module(package), name) for name in importlib.import_module(package).__all__)
+    if isinstance(kind, type)
+]
+RESULTS = [kind for kind in PUBLIC if is_dataclass(kind) or hasattr(kind, "_fields")]
+IN_WORDS = (sg.Plan, sg.Advice, PhotographVerdict)
+"""Results that hold no arrays of their own and say themselves in a sentence."""
 UNPICTURED = {
     "Edges": "of the geometry, for the tracer", "Mesh": "of the geometry", "Incidence": "of the march",
     "Moments": "of the layer's cells", "SingleDelay": "coefficients of one approximation",
     "Periodogram": "what the likelihood is computed from", "Optics": "a number for each object",
     "RayPath": "one path of many",
 }  # fmt: skip
+"""Results of arrays without a picture, and what they are for."""
 
 
-@pytest.mark.parametrize("package", ["", ".datasets", ".models", ".fdtd", ".coherence", ".instrument", ".wavetracing"])
-def test_every_public_result_of_arrays_has_a_picture(package):
-    """Or it is named above, with what it is for."""
-    public = importlib.import_module(f"specklegen{package}")
-    for name in public.__all__:
-        kind = getattr(public, name)
-        if isinstance(kind, type) and (is_dataclass(kind) or hasattr(kind, "_fields")):
-            holds_arrays = re.search("ndarray|Tensor|MaskedArray", str(kind.__annotations__))
-            assert not holds_arrays or issubclass(kind, Pictured) or name in UNPICTURED, name
+def test_every_public_result_of_arrays_has_a_picture():
+    for kind in RESULTS:
+        holds_arrays = re.search("ndarray|Tensor|MaskedArray", str(kind.__annotations__))
+        assert not holds_arrays or issubclass(kind, Pictured) or kind.__name__ in UNPICTURED, kind
 
 
-def test_a_plot_without_axes_makes_a_figure():
-    program = (
-        "import matplotlib; matplotlib.use('agg')\n"
-        "from specklegen import HenyeyGreenstein\nprint(HenyeyGreenstein(0.9).plot())"
-    )
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=120)
-    assert "Axes" in done.stdout, done.stderr
+@pytest.mark.parametrize("kind", [kind for kind in RESULTS if kind not in IN_WORDS])
+def test_a_result_of_many_numbers_shows_none_of_them(kind):
+    """Whatever a result is made of, here a million numbers in each array field."""
+    many = np.zeros((1000, 1000), np.float32)
+    names = kind._fields if hasattr(kind, "_fields") else [field.name for field in fields(kind)]
+    said = {name: str(kind.__annotations__.get(name)) for name in names}
+    held = {
+        name: many if re.search("ndarray|Tensor", of) else () if of.startswith("tuple[") else 1.0
+        for name, of in said.items()
+    }
+    if hasattr(kind, "_fields"):
+        shown = kind(**held)
+    else:
+        shown = object.__new__(kind)
+        for name, value in held.items():
+            object.__setattr__(shown, name, value)
+    told = repr(shown)
+    assert told.startswith(kind.__name__ + "(")
+    assert len(told) < 500
+    assert told.count("float32[1000, 1000]") <= sum(value is many for value in held.values())
+    assert "..." not in told  # no array has been cut short
+
+
+def test_nothing_public_shows_an_address():
+    kinds = [kind for kind in PUBLIC if not getattr(kind, "_is_protocol", False)]
+    assert not [kind for kind in kinds if kind.__repr__ is object.__repr__]
 
 
 def test_a_new_figure_is_as_high_as_its_strip_of_images():
@@ -239,9 +269,7 @@ def test_a_new_figure_is_as_high_as_its_strip_of_images():
 
 
 def test_the_phase_function_that_is_plotted_has_unit_integral():
-    axes = Figure().subplots()
-    SHOWN["mixture"]().plot(axes)
-    degrees, power = axes.lines[0].get_data()
+    degrees, power = SHOWN["mixture"]().plot(Figure().subplots()).lines[0].get_data()
     angles = np.deg2rad(degrees)
     solid = 2 * np.pi * np.trapezoid(power * np.sin(angles), angles)
     assert solid == pytest.approx(1, abs=2e-3)  # of the trapezoidal rule at a quarter of a degree
@@ -271,3 +299,41 @@ def test_without_matplotlib_there_is_still_a_table():
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert "<table>" in done.stdout, done.stderr
     assert "<img" not in done.stdout
+
+
+
+def test_tensors_are_shown_as_arrays_are():
+    assert repr(Periodogram(torch.zeros(2, 4, 3), torch.zeros(2), 1.0, (4, 4))) == (
+        "Periodogram(power=float32[2, 4, 3], noise=float32[2], looks=1, shape=(4, 4), lowest=0)"
+    )
+
+
+def test_data_sets_say_what_they_are(tmp_path):
+    stream = SpeckleStream(FakeRecipe(), batch_size=4)
+    make(tmp_path / "a.zarr", samples=3)
+    length = len(stream)
+    assert repr(stream) == (
+        f"SpeckleStream(recipe='fake', seed=0, split='train', batches={length}, batch_size=4, epoch=0, "
+        "device='cpu')"
+    )
+    cache = SpeckleCache(tmp_path / "a.zarr")
+    assert repr(cache) == (
+        f"SpeckleCache(folder={str(tmp_path / 'a.zarr')!r}, samples=3, split='train', keys={cache.keys!r})"
+    )
+    assert repr(cache.shuffled(2)) == f"ShuffledCache(cache={cache!r}, batches=2, batch_size=2, epoch=0)"
+    assert repr(stream.loader()) == f"EpochLoader(batches={stream!r}, num_workers=0)"
+
+
+def test_a_network_says_what_it_is():
+    told = repr(load_pretrained())
+    assert re.match(r"Reconstructor\(name='\w+', input='autocorrelation', target='object', side=", told)
+    assert len(told) < 200
+    assert repr(load_solver()).startswith("Solver(frame=")
+
+
+def test_a_summary_keeps_numbers_short():
+    assert summary(1, a=1 / 3, b="x", c=7) == "int(a=0.3333, b='x', c=7)"
+
+
+def test_things_are_counted():
+    assert [counted(n, "shard") for n in (0, 1, 2)] == ["0 shards", "1 shard", "2 shards"]
