@@ -1,11 +1,10 @@
 """Fits of materials: the truth within their intervals, what is not determined, what no slab shows, what is refused."""
 
-import runpy
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+from material_benches import MATERIALS, bench_of, exact_bench, fitted, slab_of
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
@@ -15,7 +14,6 @@ from specklegen.datasets import load_recipe
 from specklegen.measured import BallisticFraction, MemoryCurve, TemporalCurve, Transmittance
 from specklegen.models.calibration.least_squares import Held, minimize, nothing_held
 
-BENCHES = runpy.run_path(str(Path(__file__).parents[3] / "scripts/material_coverage.py"))
 FALSE_ALARM = 1e-6
 WAVELENGTH = 0.5
 KNOWN, FREE = {"thickness": 1000.0}, ("mean_free_path", "g")
@@ -23,26 +21,26 @@ KNOWN, FREE = {"thickness": 1000.0}, ("mean_free_path", "g")
 
 @cache
 def bench(depth, g):
-    return BENCHES["bench_of"](BENCHES["slab_of"](depth, g), 60_000)
+    return bench_of(slab_of(depth, g), 60_000)
 
 
 @cache
 def fit(depth=10.0, g=0.9, free=FREE, sphere=True, seed=0):
     made = bench(depth, g)
-    return BENCHES["fitted"](made, made.measured(np.random.default_rng(seed), sphere), free)
+    return fitted(made, made.measured(np.random.default_rng(seed), sphere), free)
 
 
 def test_errors_of_the_tables_count():
     """The mean rise of chi squared at the truth, to first order, should be 3: as many as are free.
 
     Of curves by paths it is more where the tables' own errors are left out. No noise is drawn, and coverage, which is
-    too small, is not judged here: scripts/material_coverage.py.
+    too small, is not judged here: docs/measured.md.
     """
     expected = {True: [], False: []}
-    for numbers in BENCHES["MATERIALS"].values():
-        made = BENCHES["bench_of"](BENCHES["slab_of"](*numbers), 300_000)
+    for numbers in MATERIALS.values():
+        made = bench_of(slab_of(*numbers), 300_000)
         data = [MemoryCurve(made.tilts, made.c_i, 0.01), Transmittance(made.transmittance, 0.02 * made.transmittance)]
-        problem = BENCHES["fitted"](made, data).problem
+        problem = fitted(made, data).problem
         truth = np.log([made.slab.thickness, made.slab.optical_depth, 1 - made.slab.scatterer.mean_cosine()])
         found, slopes = problem.model(truth[None])
         whole = np.linalg.inv(problem.whitening)
@@ -98,9 +96,9 @@ def test_drawn_sets_are_fitted_as_well_as_from_places_at_random():
     Searches from four places about the fit, drawn with twice its errors, must not make the mean rise of g, held at the
     truth, larger by .03; a search from the fit alone leaves it more than .1 too small.
     """
-    made = BENCHES["exact_bench"](BENCHES["slab_of"](5.0, 0.9))
+    made = exact_bench(slab_of(5.0, 0.9))
     data = [MemoryCurve(made.tilts, made.c_i, 0.01), Transmittance(made.transmittance, 0.02 * made.transmittance)]
-    one = BENCHES["fitted"](made, data)
+    one = fitted(made, data)
     problem = one.problem
     count = one.rises.shape[1]
     drawn = np.random.default_rng(5).normal(size=(count, len(problem.values)))
@@ -153,8 +151,8 @@ def test_what_is_not_determined_is_told():
 def test_what_no_slab_of_the_model_shows_is_told():
     """Lobes of von Mises and Fisher, of the same g: chi squared tells; of Henyey and Greenstein's it does not."""
     fisher = bench(10.0, 0.9).slab.replace(scatterer=sg.VonMisesFisher(concentration=10.0))
-    made = BENCHES["bench_of"](fisher, 60_000)
-    found = [BENCHES["fitted"](made, made.measured(np.random.default_rng(n)), FREE) for n in range(4)]
+    made = bench_of(fisher, 60_000)
+    found = [fitted(made, made.measured(np.random.default_rng(n)), FREE) for n in range(4)]
     assert all(each.p_value < 0.01 for each in found)
     assert "chi squared" in found[0].doubts[0]
     assert not fit().doubts
