@@ -26,33 +26,9 @@ def share_found(image: np.ndarray, points: np.ndarray) -> float:
 
     As many maxima as points are looked at, and paired so that most are found: what is missed is also what is invented.
     """
-    places, _, pairs = _paired(image, points)
-    return float(len(pairs) / len(places))
-
-
-def light_found(image: np.ndarray, points: np.ndarray) -> float:
-    """Share of the light of points of any brightness that an image has where they are, real[h, w] both.
-
-    A maximum of the image has the light of its pixel and the eight about it, and all maxima together 1; of a point and
-    the maximum that is paired with it counts what both have: sum over pairs of the smaller of the two shares.
-    """
-    places, peaks, pairs = _paired(image, points)
-    true = points[tuple(places.T)]
-    shown = np.pad(image.astype(np.float64), 1)
-    light = np.array([shown[row : row + 3, column : column + 3].sum() for row, column in peaks]).clip(0)
-    if not light.sum() > 0:
-        return 0.0
-    true, light = true / true.sum(), light / light.sum()
-    return float(np.minimum(true[pairs[:, 0]], light[pairs[:, 1]]).sum())
-
-
-def _paired(image: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places of points, of maxima, and which of both are paired, within :data:`RADIUS`, int64[..., 2] each."""
     places = np.argwhere(points > 0)
-    peaks = brightest(image, len(places))
-    near = cdist(places, peaks) <= RADIUS
-    pairs = np.stack(linear_sum_assignment(near, maximize=True), 1)
-    return places, peaks, pairs[near[tuple(pairs.T)]]
+    near = cdist(places, brightest(image, len(places))) <= RADIUS
+    return float(near[linear_sum_assignment(near, maximize=True)].sum() / len(places))
 
 
 def localisation(found: Evaluation, cases: Sequence[Case]) -> str:

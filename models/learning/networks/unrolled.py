@@ -198,16 +198,6 @@ class Candidates(NamedTuple):
     scalars: Tensor
 
 
-def ranked(answers: Tensor, deviance: Deviance) -> tuple[Tensor, Tensor]:
-    """Answers float[B, K, n, n] of brightest pixel 1, the most probable first, the others moved onto it."""
-    with torch.no_grad():
-        answers = answers / answers.amax((-2, -1), keepdim=True).clamp_min(1e-6)
-        deviances, order = deviance(answers).sort(dim=1)
-        answers = answers.gather(1, order[..., None, None].expand_as(answers))
-        first = answers[:, :1].expand_as(answers)
-        return torch.cat([answers[:, :1], align(answers[:, 1:], first[:, 1:])], dim=1), deviances
-
-
 def improved(image: Tensor, deviance: Deviance, steps: int = 1) -> tuple[Tensor, Tensor, Tensor]:
     """An image float[B, n, n] after steps down the deviance, the gradient there over its spread, and the deviance."""
     lengths = torch.tensor(_STEPS, device=image.device)[:, None, None]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from specklegen.datasets.objects import Points
-from specklegen.models.judging.points import brightest, light_found, share_found
+from specklegen.models.judging.points import brightest, share_found
 
 
 @pytest.fixture(scope="module")
@@ -46,19 +46,3 @@ def test_chance_is_small(objects):
     rng = np.random.default_rng(0)
     found = np.mean([share_found(rng.random(x.shape), x) for x in objects])
     assert found < 45 / 784 + 5 * np.sqrt(45 / 784 / 500)
-
-
-def test_light_at_its_place_is_what_both_have():
-    """Shares .75 and .25 of two points: shown evenly, half a pixel away, or one of them alone."""
-    points = np.zeros((14, 14))
-    points[3, 3], points[10, 10] = 0.6, 0.2
-    assert light_found(points, points) == pytest.approx(1)
-    assert light_found(np.where(points > 0, 1.0, 0.0), points) == pytest.approx(0.75)
-    spread = np.zeros_like(points)
-    spread[3, 3:5], spread[10, 10:12] = 0.31, 0.1  # the light of a maximum is not that of one pixel
-    spread[3, 3] += 0.01
-    assert light_found(spread, points) > 0.99
-    alone = np.where(points == 0.6, points, 0)
-    assert light_found(alone, points) == pytest.approx(0.75)
-    assert light_found(np.roll(points, 2, 0), points) == 0
-    assert light_found(np.full(points.shape, 0.3), points) == 0

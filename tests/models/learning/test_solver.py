@@ -13,7 +13,7 @@ from specklegen.datasets.objects import Glyphs, Points
 from specklegen.models.judging.points import share_found
 from specklegen.models.learning.measurement import measured, memory_effect_of, seen_by_camera
 from specklegen.models.learning.networks.range_net import RangeNet, extents, shares
-from specklegen.models.learning.networks.unrolled import Seen, Unrolled, improved, invariant_loss, ranked, settled
+from specklegen.models.learning.networks.unrolled import Seen, Unrolled, improved, invariant_loss, settled
 from specklegen.models.learning.range_fit import SHAPE, fit_range, range_of
 from specklegen.models.learning.solver import Solver, load_solver
 from specklegen.models.likelihood.certificate import Certificate
@@ -80,15 +80,6 @@ def test_settling_goes_down_further():
     assert (found < deviance(start)).all()
     assert torch.allclose(found, deviance(near), atol=1e-5)
     assert torch.equal(near.amax((-2, -1)), torch.ones(2, 2))
-
-
-def test_most_probable_answer_comes_first():
-    objects, _, _, likelihood, c_i = drawn(2)
-    blank, blur = torch.ones_like(objects), torch.nn.functional.avg_pool2d(objects[:, None], 5, 1, 2)[:, 0]
-    answers = torch.stack([blank, blur, objects.flip((-2, -1))], dim=1).float()
-    first, deviances = ranked(answers, lambda images: likelihood(images.double(), c_i).float())
-    assert torch.equal(first[:, 0], answers[:, 2])
-    assert (deviances.diff(dim=1) >= 0).all()
 
 
 def test_a_mirrored_image_gives_a_mirrored_start():
