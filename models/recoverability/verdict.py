@@ -207,7 +207,7 @@ def recoverable(
     >>> from specklegen.models import recoverable
     >>> verdict = recoverable("through-slab", media=1)
     >>> print(verdict.explain().splitlines()[0])
-    fails: success probability 0.36 (0.07 to 0.75)
+    fails: success probability 0.36 (0.07 to 0.76)
     """
     loaded = load_recipe(recipe) if isinstance(recipe, str | Path) else recipe
     if not isinstance(loaded, HiddenObject):

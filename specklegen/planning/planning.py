@@ -158,7 +158,7 @@ def plan(
     >>> sg.plan(scene).sampler
     'stationary'
     >>> sg.plan(scene, sampler="paths", rel_error=0.1).paths
-    390
+    443
     """
     budget = Budget("plan", paths, rel_error, threads=threads, reverse=reverse)
     return planned(scene, budget, Options(sampler, mean, field_tolerance, streamed, envelope, realizations, "plan"))
