@@ -142,9 +142,9 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
     area = scene.beams.window.area
     estimate = Estimate.of_batches(area * _batch_sums(correlation, q), correlation.paths)
     carried = 1.0
-    if renderer.shared.sampler.envelope is not None:
+    if renderer.shared.envelope is not None:
         views = scene.sensor.directions.reshape(-1, 3)[probes.points[:, 1], :2]  # type: ignore[union-attr]
-        gains = np.sqrt(renderer.shared.sampler.envelope.intensity(lights[:, :2], views))
+        gains = np.sqrt(renderer.shared.envelope.intensity(lights[:, :2], views))
         carried = gains[probes.ends].prod(axis=1)
     if not scene.illumination.coherent:
         assert isinstance(correlation, MemoryEffectCorrelation)
