@@ -19,7 +19,7 @@ from pydantic import model_validator
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import LazyModule, torch
 from specklegen.core.random_streams import pilot_seed
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.datasets.recipes.media import DrawnMedia, MediumView
@@ -33,14 +33,11 @@ from specklegen.scene.polarisation import Polarisers
 from specklegen.scene.scene import Scene
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.materials import Materials
     from specklegen.samplers.sampler import MediaRequest
     from specklegen.synthesis import correlations as _correlations
 else:
-    torch = LazyModule("torch")
     _correlations = LazyModule("specklegen.synthesis.correlations")
 
 TOGETHER = ({"parallel", "crossed"}, {"circular", "flipped"})

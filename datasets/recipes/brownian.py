@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import LazyModule, torch
 from specklegen.core.random_streams import Stream
 from specklegen.core.values import Value
 from specklegen.datasets.distributions import Draw, UnboundedDraw, ends, require_above
@@ -25,13 +25,10 @@ from specklegen.memory_effects.moving import MovingCorrelation
 from specklegen.synthesis.correlations import FilmBatch
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.recipe import Recipe
     from specklegen.synthesis import mixtures as _mixtures
 else:
-    torch = LazyModule("torch")
     _mixtures = LazyModule("specklegen.synthesis.mixtures")
 
 GIVEN = ("diffusion", "tau0", "correlation_time")

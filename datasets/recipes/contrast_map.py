@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.random_streams import pilot_seed
 from specklegen.core.values import Positive, Value, remembered
 from specklegen.datasets.distributions import Draw, drawn, ends
@@ -44,12 +44,8 @@ from specklegen.synthesis.surface import SurfaceFilm, SurfaceImaging, padded
 from specklegen.theory.speckle_contrast import sub_frame_contrast_squared, sub_frames
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.media import DrawnMedia
-else:
-    torch = LazyModule("torch")
 
 KEPT_PATHS = 4096
 """Paths of a tissue that are kept, with all their scatterings."""

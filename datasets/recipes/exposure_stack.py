@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.values import Positive
 from specklegen.datasets.distributions import ends
 from specklegen.datasets.recipes import brownian
@@ -30,13 +30,9 @@ from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.theory.speckle_contrast import class_field, sub_frames
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.materials import Materials
     from specklegen.memory_effects.moving import MovingCorrelation
-else:
-    torch = LazyModule("torch")
 
 
 class Exposures(Speed):

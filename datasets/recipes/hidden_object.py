@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from specklegen.core.display.plot import draw_images
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import LazyModule, torch
 from specklegen.core.shielded import shielded
 from specklegen.core.values import IDENTITY, Value
 from specklegen.datasets.distributions import Draw, ends, require_above
@@ -25,13 +25,10 @@ from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes import materials as _materials
     from specklegen.datasets.recipes.materials import Materials
 else:
-    torch = LazyModule("torch")
     _materials = LazyModule("specklegen.datasets.recipes.materials")
 
 CENTRE = ("object_row", "object_column")

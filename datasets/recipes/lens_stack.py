@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.random_streams import pilot_seed
 from specklegen.core.values import Finite, PositiveInt, Value, remembered
 from specklegen.datasets.distributions import Draw, drawn, ends
@@ -41,12 +41,8 @@ from specklegen.synthesis.correlations import Tabulated
 from specklegen.synthesis.sight import Sight
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.media import DrawnMedia
-else:
-    torch = LazyModule("torch")
 
 _VIEWS = 64  # over the pupil, by which the power that the lens takes is averaged
 

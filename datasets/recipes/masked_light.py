@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.values import NonNegative, PositiveInt, Value
 from specklegen.datasets.distributions import Choice, Draw, drawn, ends, require_above
 from specklegen.datasets.recipes.media import DrawnMedia, MediumView
@@ -29,12 +29,8 @@ from specklegen.kernels.coverage import fill_coverage
 from specklegen.scene.media import Slab
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.materials import Materials
-else:
-    torch = LazyModule("torch")
 
 
 class Slits(Value):

@@ -15,7 +15,7 @@ import numpy as np
 from specklegen.core.content import is_own
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject, warn_user
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import LazyModule, torch
 from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import thread_count
 from specklegen.core.shielded import shielded
@@ -35,15 +35,12 @@ from specklegen.scene.window import Window
 from specklegen.synthesis.sight import Sight
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes import materials as _materials
     from specklegen.datasets.recipes.materials import Materials
     from specklegen.datasets.recipes.parts.light import Lit
     from specklegen.synthesis.correlations import FilmBatch, Places
 else:
-    torch = LazyModule("torch")
     _materials = LazyModule("specklegen.datasets.recipes.materials")
 
 

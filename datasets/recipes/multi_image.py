@@ -14,7 +14,7 @@ from pydantic import model_validator
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import LazyModule, torch
 from specklegen.core.values import Positive, PositiveInt
 from specklegen.datasets.distributions import Draw, UnboundedDraw, ends, require_above
 from specklegen.datasets.recipes import brownian as _brownian
@@ -30,13 +30,12 @@ from specklegen.scene.scene import Scene
 from specklegen.scene.window import Window
 
 if TYPE_CHECKING:
-    import torch
     from scipy import optimize
 
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.recipe import Medium
 else:
-    torch, optimize = LazyModule("torch"), LazyModule("scipy.optimize")
+    optimize = LazyModule("scipy.optimize")
 
 MODELS = {
     "autoregression": "the fields of two frames are correlated by e^(-t / correlation_time), whatever ways the light "

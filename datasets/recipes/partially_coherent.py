@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.coherence.partially_coherent import source_lattice
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.datasets.distributions import UnboundedDraw, ends
 from specklegen.datasets.recipes.media import DrawnMedia, MediumView
 from specklegen.datasets.recipes.parts.light import Lit
@@ -21,13 +21,9 @@ from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.materials import Materials
     from specklegen.datasets.recipes.parts.source import Source
-else:
-    torch = LazyModule("torch")
 
 
 class PartiallyCoherent(Recipe):

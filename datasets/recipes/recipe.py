@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import numpy as np
 
 from specklegen.core.arguments import whole_number, whole_numbers
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import LazyModule, torch
 from specklegen.core.random_streams import seed_words
 from specklegen.core.registry import Registry
 from specklegen.core.shielded import shielded
@@ -23,12 +23,9 @@ from specklegen.datasets.sample_schema import named_file, require_finite
 from specklegen.datasets.split import Purpose, Split, generator, split_number, substream
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.datasets.recipes import generator as _generators
     from specklegen.datasets.recipes.generator import ReadyMedia
 else:
-    torch = LazyModule("torch")
     _generators = LazyModule("specklegen.datasets.recipes.generator")
 
 

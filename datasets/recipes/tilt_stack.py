@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.datasets.recipes.media import DrawnMedia, MediumView
 from specklegen.datasets.recipes.parts.light import Lit
 from specklegen.datasets.recipes.specification import PARAMETERS
@@ -16,12 +16,9 @@ from specklegen.scene.screens import ScreenStack
 
 if TYPE_CHECKING:
     import numpy as np
-    import torch
 
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.materials import Materials
-else:
-    torch = LazyModule("torch")
 
 _TOLERANCE = 0.01
 

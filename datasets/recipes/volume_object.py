@@ -1,13 +1,13 @@
 """Recipe kind "volume-object": an incoherent object seen through a box, through voxels, or by a camera near a slab."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.values import remembered
 from specklegen.datasets.distributions import drawn, ends
 from specklegen.datasets.recipes.hidden_object import HiddenObject
@@ -19,11 +19,6 @@ from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplit
 from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.scene.illumination import object_sines
 from specklegen.scene.scene import Scene
-
-if TYPE_CHECKING:
-    import torch
-else:
-    torch = LazyModule("torch")
 
 _JUDGED = 4  # beams along a side of the object that stand for all of them
 _AMPLITUDES = 2**22  # of beams and connections, from which a contrast is found

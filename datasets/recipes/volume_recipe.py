@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.random_streams import pilot_seed
 from specklegen.core.values import remembered
 from specklegen.datasets import distributions
@@ -34,14 +34,10 @@ from specklegen.synthesis.correlations import Tabulated
 from specklegen.synthesis.sight import Sight
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.media import DrawnMedia
     from specklegen.samplers.sampler import Contrast
     from specklegen.synthesis.correlations import Places
-else:
-    torch = LazyModule("torch")
 
 _SPREAD_VIEWS = 64  # of the camera, over which the expected intensity is averaged
 

@@ -1,19 +1,14 @@
 """Recipe kind "volume-stack": the speckle of a volume under several tilts, seen from afar or from near by."""
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.datasets.distributions import drawn
 from specklegen.datasets.recipes.tilt_stack import TiltStack
 from specklegen.datasets.recipes.volume_recipe import Beams, VolumeRecipe, VolumeView
 from specklegen.datasets.split import Purpose, Split, generator, substream
-
-if TYPE_CHECKING:
-    import torch
-else:
-    torch = LazyModule("torch")
 
 
 class DevelopedSpeckle:

@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 
 if TYPE_CHECKING:
-    import torch
-
     Places = torch.Tensor | slice | list[int]
 else:
-    torch, Places = LazyModule("torch"), Any
+    Places = Any
 
 _AT_ONCE = 2**14  # distances at which K is asked together
 

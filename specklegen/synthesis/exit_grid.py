@@ -10,21 +10,15 @@ nobody looks at.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.fft import next_fast_len
 
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.scene.window import PROFILES, Profile, Window
-
-if TYPE_CHECKING:
-    import torch
-else:
-    torch = LazyModule("torch")
 
 MAX_PERIOD = 16384
 GUARD = 8

@@ -14,16 +14,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from specklegen.core.errors import counted
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.memory import require_memory
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.synthesis.correlations import FilmBatch
     from specklegen.synthesis.modes import Modes
-else:
-    torch = LazyModule("torch")
 
 _JITTER = 1e-10  # of every mode's power, new in each frame: far above rounding, 1e-5 of an amplitude
 

@@ -6,18 +6,12 @@ On the CPU the Numba kernel draws them; elsewhere the same Philox rounds run as 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.kernels import rng
-
-if TYPE_CHECKING:
-    import torch
-else:
-    torch = LazyModule("torch")
 
 _M0, _M1, _W0, _W1 = 0xD2511F53, 0xCD9E8D57, 0x9E3779B9, 0xBB67AE85
 _LOW = 0xFFFFFFFF

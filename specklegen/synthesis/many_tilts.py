@@ -16,12 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.fft import next_fast_len
 
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.kernels.tilt_moments import fill_lit, fill_spectrum
@@ -37,11 +37,6 @@ from specklegen.synthesis.exit_grid import (
 )
 from specklegen.synthesis.gaussian_noise import complex_normals
 from specklegen.synthesis.stacks import SMALL_PHASE, face_phase, mean_intensity
-
-if TYPE_CHECKING:
-    import torch
-else:
-    torch = LazyModule("torch")
 
 _LEFT_OUT = 1e-3  # singular values of the phase within a cell, of the largest
 _FAINT = 1e-4  # pivots of moments, of the largest

@@ -23,15 +23,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.memory import require_memory
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.synthesis.correlations import Correlations, Places
-else:
-    torch = LazyModule("torch")
 
 FIRST_DEGREE, FEW = 6, 16
 POLYNOMIAL_SHARE = 0.5

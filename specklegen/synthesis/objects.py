@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation
@@ -21,12 +21,8 @@ from specklegen.synthesis.spectrum import LightModes
 from specklegen.synthesis.streams import Streams
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.memory_effects.polarised_fields import PolarisedCorrelation
     from specklegen.synthesis.imaging import ImagedMedia, Imaging
-else:
-    torch = LazyModule("torch")
 
 
 MODE_TOLERANCE = 0.01

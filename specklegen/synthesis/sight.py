@@ -11,17 +11,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.scene.window import Profile
 from specklegen.synthesis.exit_grid import GUARD, SUPPORT
 from specklegen.synthesis.modes import Lattice
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.synthesis.correlations import Places
-else:
-    torch = LazyModule("torch")
 
 _LONGEST = 2**40  # beyond what any memory holds
 

@@ -23,12 +23,12 @@ neglected is the interference of different modes between different tilts: 1 % of
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import BATCHES, jackknife
@@ -36,11 +36,6 @@ from specklegen.memory_effects.correlation import MemoryEffectCorrelation, axial
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.steps import refracting_layers
 from specklegen.scene.media import Slab
-
-if TYPE_CHECKING:
-    import torch
-else:
-    torch = LazyModule("torch")
 
 Spectrum = Literal["gaussian", "flat"]
 

@@ -12,11 +12,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.scene.scene import Scene
@@ -29,11 +29,6 @@ from specklegen.synthesis.exit_grid import (
     stack_axes,
 )
 from specklegen.synthesis.gaussian_noise import complex_normals
-
-if TYPE_CHECKING:
-    import torch
-else:
-    torch = LazyModule("torch")
 
 SMALL_PHASE = 1e-3
 """Radians that nobody sees beside the field tolerance of path sums."""

@@ -17,15 +17,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.synthesis.gaussian_noise import complex_normals
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.synthesis.streams import Streams
-else:
-    torch = LazyModule("torch")
 
 GRAINS_BESIDE = 4
 """Grains beside the camera on every side, so that what leaves its opposite sides does not meet."""

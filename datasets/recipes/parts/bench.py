@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import LazyModule, torch
 from specklegen.core.random_streams import Stream
 from specklegen.core.values import Value
 from specklegen.datasets.distributions import Draw, Uniform, ends
@@ -31,12 +31,9 @@ from specklegen.instrument.camera import AnyCamera, Camera
 from specklegen.kernels.quantiles import add_normal
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.parts import exposure
 else:
-    torch = LazyModule("torch")
     exposure = LazyModule("specklegen.datasets.recipes.parts.exposure")
 
 _RULES = {

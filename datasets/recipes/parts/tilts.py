@@ -7,18 +7,14 @@ import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.values import PositiveInt, Value
 from specklegen.datasets.distributions import Choice, Draw, ends
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.datasets.addresses import Addresses
-else:
-    torch = LazyModule("torch")
 
 
 class Tilts(Value):

@@ -15,7 +15,7 @@ import numpy as np
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.kept_results import kept_result
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import torch
 from specklegen.core.random_streams import pilot_seed
 from specklegen.core.values import remembered
 from specklegen.memory_effects.atlas import atlas_correlation
@@ -25,12 +25,8 @@ from specklegen.samplers.stationary.sampler import Stationary
 from specklegen.scene.scene import Scene
 
 if TYPE_CHECKING:
-    import torch
-
     from specklegen.synthesis.correlations import Places
     from specklegen.synthesis.imaging import Imaging
-else:
-    torch = LazyModule("torch")
 
 PART = "convolution with one pattern a medium"
 _PATHS = 6000  # that tell K where the atlas does not
