@@ -5,7 +5,7 @@ from specklegen.scene.scatterers.isotropic import Isotropic
 from specklegen.scene.scatterers.mie import Mie
 from specklegen.scene.scatterers.mixture import Mixture
 from specklegen.scene.scatterers.rayleigh import Rayleigh
-from specklegen.scene.scatterers.scatterer import AnyScatterer, Dimensions, Row, Scatterer, scatterer_types
+from specklegen.scene.scatterers.scatterer import AnyScatterer, Dimensions, Row, Scatterer
 from specklegen.scene.scatterers.tabulated import Tabulated
 from specklegen.scene.scatterers.von_mises_fisher import VonMisesFisher
 
@@ -21,5 +21,4 @@ __all__ = [
     "Scatterer",
     "Tabulated",
     "VonMisesFisher",
-    "scatterer_types",
 ]

@@ -244,8 +244,3 @@ AnyScatterer = Annotated[
 def scatterer_class(name: str) -> type[Scatterer]:
     """Return the class of a type of scatterer known here."""
     return _TYPES[name]
-
-
-def scatterer_types() -> list[str]:
-    """Names of all types of scatterer known here."""
-    return sorted(_TYPES)
