@@ -1,6 +1,7 @@
 from . import materials as materials
 from .coherence.partially_coherent import render_partially_coherent as render_partially_coherent
 from .coherence.transmission import transmission_matrix as transmission_matrix
+from .core.budgets import Budget as Budget
 from .core.errors import DoubtWarning as DoubtWarning
 from .core.errors import RuleError as RuleError
 from .instrument.photon_transfer import CameraFit as CameraFit

@@ -9,11 +9,11 @@ then draws one realization after the other.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
-from specklegen.core.budgets import Budget, Reverse, paths_within, require_time
+from specklegen.core.budgets import Budget, BudgetFields, budget_of, paths_within, require_time
 from specklegen.core.decision import Decision
 from specklegen.core.display.plot import Pictured, draw_stack
 from specklegen.core.display.repr import summary
@@ -183,16 +183,12 @@ def _placed(whose: str, axes: tuple[str, ...], vectors: np.ndarray, near: bool) 
 def render(
     scene: Scene,
     *,
-    paths: int | None = None,
-    rel_error: float | None = None,
-    seconds: float | None = None,
-    seed: Seed = 0,
+    budget: Budget | None = None,
     realizations: int | None = None,
     sampler: AnySampler = "auto",
-    reverse: Reverse = "auto",
     mean: bool = False,
     field_tolerance: float = 1e-3,
-    threads: int | None = None,
+    **fields: Unpack[BudgetFields],
 ) -> SpeckleStack:
     """Render correlated speckle of one medium (or of several) at every tilt and view of a scene.
 
@@ -209,30 +205,22 @@ def render(
     ----------
     scene
         Medium, light and sensor, in one unit of length.
-    paths
-        Random paths a realization; 100 000 by default. The error of an image falls with their root.
-    rel_error
-        Instead of ``paths``: the root of the excess correlation of intensities that too few paths leave in an image
-        (:func:`specklegen.plan`), and the tolerance of "auto", which is 0.02 otherwise.
-    seconds
-        Instead, or as a limit to ``rel_error``: as many paths as this time allows for all realizations on this machine,
-        planning left out.
-    seed
-        A whole number, or a sequence of them; above for what it fixes.
+    budget
+        Paths of each realization or an error, time for all of them, seed, threads and reversed paths
+        (:class:`specklegen.Budget`). ``rel_error`` is the root of the excess correlation of intensities that
+        too few paths leave in an image (:func:`specklegen.plan`), and the tolerance of "auto", which is 0.02
+        otherwise. By default 100 000 paths.
     realizations
         Number of media; None renders one and drops the axis.
     sampler
         "auto" takes the cheapest that is right within the tolerance; "paths", "stationary", "covariance", "screens"
         or one of your own, where you know better (:func:`specklegen.plan` says what each serves).
-    reverse
-        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
-        the tolerance.
     mean
         Add the mean field m: what is not scattered, and the mean of what is.
     field_tolerance
         Relative error of the NUFFT against the direct sum, between 0 and 1: smaller is slower.
-    threads
-        Threads, by default all cores that the process may run on; the result does not depend on them.
+    fields
+        Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
 
     Returns
     -------
@@ -255,7 +243,7 @@ def render(
     >>> stack.field.shape  # media, tilts, rows, columns
     (3, 2, 16, 16)
     """
-    budget = Budget("render", paths, rel_error, seconds, seed, threads, reverse)
+    budget = budget_of("render", budget, fields, unused=("tolerance",))
     return rendered(scene, budget, Options(sampler, mean, field_tolerance, realizations=realizations, owner="render"))
 
 
@@ -270,11 +258,11 @@ def rendered(scene: Scene, budget: Budget, options: Options) -> SpeckleStack:
     each = math.prod(light.images) * (8 if light.coherent else 4)  # bytes of a view
     held = (2 if options.mean else 1) * count * math.prod(scene.sensor.shape) * each
     require_memory(
-        f"{budget.owner} realizations", "held", held, f"{count} media",
+        f"{options.owner} realizations", "held", held, f"{count} media",
         "Render fewer at a time, each range under a seed of its own.", share=0.9,
     )  # fmt: skip
     require_time(
-        f"{budget.owner} paths", plan.seconds_of(count), f"{plan.paths} paths, {count} media",
+        f"{options.owner} paths", plan.seconds_of(count), f"{plan.paths} paths, {count} media",
         "Ask for fewer paths, or for a larger rel_error.",
     )  # fmt: skip
     remedy = "" if options.asked is None else ' Leave the choice to sampler="auto".'

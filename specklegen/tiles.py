@@ -10,15 +10,14 @@ is traced once where its connections fit, else once a piece.
 from collections.abc import Iterator
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from specklegen.core.arguments import file_path, flag, instance, whole_number
-from specklegen.core.budgets import Budget, Reverse, require_time
+from specklegen.core.budgets import Budget, BudgetFields, budget_of, require_time
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.libraries import library_versions
-from specklegen.core.random_streams import Seed
 from specklegen.core.shielded import shielded, shielded_steps
 from specklegen.core.whole_files import making
 from specklegen.mean.field import mean_field
@@ -31,15 +30,12 @@ from specklegen.scene.scene import Scene
 def render_tiles(
     scene: Scene,
     *,
-    paths: int | None = None,
-    rel_error: float | None = None,
-    seed: Seed = 0,
+    budget: Budget | None = None,
     realization: int | None = None,
     sampler: AnySampler = "auto",
-    reverse: Reverse = "auto",
     mean: bool = False,
     field_tolerance: float = 1e-3,
-    threads: int | None = None,
+    **fields: Unpack[BudgetFields],
 ) -> Iterator[tuple[Where, np.ndarray]]:
     """Render a stack piece by piece, in memory that its size does not bound.
 
@@ -47,26 +43,20 @@ def render_tiles(
     ----------
     scene
         Beams through a slab, seen on a regular far-field grid.
-    paths
-        Random paths; 100 000 by default.
-    rel_error
-        Instead of ``paths``: the root of the excess correlation of intensities that too few paths leave in an image
-        (:func:`specklegen.plan`), and the tolerance of "auto", which is 0.02 otherwise.
-    seed, realization
+    budget
+        Paths or an error, seed, threads and reversed paths (:class:`specklegen.Budget`); ``rel_error`` as of
+        :func:`specklegen.render`. By default 100 000 paths.
+    realization
         Medium (seed, realization); None is that of :func:`specklegen.render` with ``realizations=None``, number 0.
     sampler
         "auto" takes the cheapest that is right within the tolerance; "paths", "stationary" or one of your own, where
         you know better (:func:`specklegen.plan` says what each serves).
-    reverse
-        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
-        the tolerance.
     mean
         Add the mean field.
     field_tolerance
         Relative error of the NUFFT against the direct sum, between 0 and 1: smaller is slower.
-    threads
-        Threads, by default all cores that the process may run on; the result does not depend on them.
-        ``plan(..., streamed=True)`` states the memory.
+    fields
+        Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
 
     Returns
     -------
@@ -94,13 +84,13 @@ def render_tiles(
         served = "CollimatedBeams through a slab, seen by a FarFieldGrid"
         reject("render_tiles scene", served, obstacle or sampler, "Use render.")
     number = 0 if realization is None else whole_number("render_tiles realization", realization, 0, 2**63 - 1)
-    budget = Budget("render_tiles", paths, rel_error, seed=seed, threads=threads, reverse=reverse)
+    budget = budget_of("render_tiles", budget, fields, unused=("seconds", "tolerance"))
     plan = planned(scene, budget, Options(sampler, mean, field_tolerance, streamed=True, owner="render_tiles"))
     require_time("render_tiles paths", plan.seconds, f"{plan.paths} paths", "Ask for fewer, or a larger rel_error.")
     remedy = "" if sampler == "auto" else ' Leave the choice to sampler="auto".'
     for doubt in plan.doubts:
         warn_user(f"{doubt}.{remedy}")
-    pieces = plan.chosen.prepare(seed, threads).fields(number)
+    pieces = plan.chosen.prepare(budget.seed, budget.threads).fields(number)
     return shielded_steps(_with_mean(pieces, scene if mean else None))
 
 

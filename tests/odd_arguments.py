@@ -307,6 +307,7 @@ def verbs() -> Iterator[Call]:
     yield Call(
         "transmission_matrix", sg.transmission_matrix, {"scene": SCENE, "modes": np.eye(2), "mean": False} | shared
     )
+    yield Call("Budget", sg.Budget, {"paths": 9, "seed": 0, "threads": 1, "reverse": "auto", "tolerance": 0.02})
     yield Call("mean_field", sg.mean_field, {"scene": SCENE, "most_nodes": 2e8})
     yield Call(
         "reflectance_transmittance",

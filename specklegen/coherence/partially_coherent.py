@@ -27,15 +27,15 @@ With K of `MemoryEffectCorrelation` and A(s) the autocorrelation of p over (sum 
 """
 
 import math
-from typing import get_args
+from typing import Unpack, get_args
 
 import numpy as np
 
 from specklegen.core.arguments import choice, instance, positive_number, real_number, whole_number
-from specklegen.core.budgets import Budget, Reverse
+from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
-from specklegen.core.random_streams import Seed, Stream, pilot_seed
+from specklegen.core.random_streams import Stream, pilot_seed
 from specklegen.core.shielded import shielded
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
@@ -231,15 +231,11 @@ def render_partially_coherent(
     scene: Scene,
     coherence_length: float,
     *,
-    paths: int | None = None,
-    rel_error: float | None = None,
-    seconds: float | None = None,
-    seed: Seed = 0,
+    budget: Budget | None = None,
     realizations: int | None = None,
     sampler: AnySampler = "auto",
-    reverse: Reverse = "auto",
     field_tolerance: float = 1e-3,
-    threads: int | None = None,
+    **fields: Unpack[BudgetFields],
 ) -> SpeckleStack:
     """Render a scene whose beams are partially coherent instead of coherent.
 
@@ -251,28 +247,19 @@ def render_partially_coherent(
     coherence_length
         sigma_g on the entrance face, in the scene's unit of length: at least a wavelength and width / 800; infinity is
         coherent light.
-    paths
-        Random paths a realization; 100 000 by default. A finite number raises contrast^2 by `finite_path_excess`,
-        however small the contrast is.
-    rel_error
-        Instead of ``paths``: the root of the excess correlation of intensities that too few paths leave in an image
-        (:func:`specklegen.plan`), and the tolerance of "auto", which is 0.02 otherwise.
-    seconds
-        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
-    seed
-        A whole number, or a sequence of them, which names the media.
+    budget
+        Paths of each realization or an error, time for all of them, seed, threads and reversed paths
+        (:class:`specklegen.Budget`), as of :func:`specklegen.render`. A finite number of paths raises
+        contrast^2 by `finite_path_excess`, however small the contrast is. By default 100 000 paths.
     realizations
         Number of media; None renders one and drops the axis.
     sampler
         "auto" takes the cheapest that is right within the tolerance; "paths", "stationary", "covariance", "screens"
         or one of your own, where you know better (:func:`specklegen.plan` says what each serves).
-    reverse
-        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
-        the tolerance.
     field_tolerance
         Relative error of the NUFFT against the direct sum, between 0 and 1: smaller is slower.
-    threads
-        Threads, by default all cores that the process may run on; the result does not depend on them.
+    fields
+        Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
 
     Returns
     -------
@@ -299,8 +286,9 @@ def render_partially_coherent(
     source = gaussian_schell_object(scene.wavelength, coherence_length, beams.width, beams.profile)
     on_axis = len(beams.directions) == 1 and not beams.directions[0, :2].any()
     lit = scene.replace(illumination=source if on_axis else _spread(beams, source))
-    budget = Budget("render_partially_coherent", paths, rel_error, seconds, seed, threads, reverse)
-    options = Options(sampler, field_tolerance=field_tolerance, realizations=realizations, owner=budget.owner)
+    owner = "render_partially_coherent"
+    budget = budget_of(owner, budget, fields, unused=("tolerance",))
+    options = Options(sampler, field_tolerance=field_tolerance, realizations=realizations, owner=owner)
     stack = rendered(lit, budget, options)
     tilt_axis = 0 if realizations is None else 1
     if on_axis:

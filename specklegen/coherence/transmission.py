@@ -11,14 +11,15 @@ them (`source_modes`). A partially coherent image is
     I = sum_k lambda_k |T phi_k|^2 = intensity_from_modes(T.value, modes, eigenvalues).
 """
 
+from typing import Unpack
+
 import numpy as np
 
 from specklegen.coherence.cross_spectral_density import coherent_modes
 from specklegen.coherence.cylindrical_focus import GreensMatrix
 from specklegen.core.arguments import finite_numbers, instance, positive_number, whole_number
-from specklegen.core.budgets import Budget, Reverse
+from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.errors import reject
-from specklegen.core.random_streams import Seed
 from specklegen.core.shielded import shielded
 from specklegen.planning.planning import Options
 from specklegen.rendering import rendered
@@ -34,14 +35,10 @@ def transmission_matrix(
     scene: Scene,
     modes: np.ndarray | None = None,
     *,
-    paths: int | None = None,
-    rel_error: float | None = None,
-    seconds: float | None = None,
-    seed: Seed = 0,
+    budget: Budget | None = None,
     sampler: AnySampler = "paths",
-    reverse: Reverse = "auto",
     mean: bool = False,
-    threads: int | None = None,
+    **fields: Unpack[BudgetFields],
 ) -> GreensMatrix:
     """Return the transmission matrix of one medium, sensor pixels x illumination modes.
 
@@ -53,26 +50,17 @@ def transmission_matrix(
         `Imaging`, the rows are pixels on the plane in focus.
     modes : complex128[beams, K], optional
         Amplitudes over the beams; then the columns are these superpositions.
-    paths
-        Random paths; 100 000 by default.
-    rel_error
-        Instead of ``paths``: the root of the excess correlation of intensities that too few paths leave in an image
-        (:func:`specklegen.plan`), and the tolerance of "auto", which is 0.02 otherwise.
-    seconds
-        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
-    seed
-        A whole number, or a sequence of them. Two calls with the same seed see the same medium where the scenes are
-        the same; otherwise only about, since each scene has its own pilot.
+    budget
+        Paths or an error, time, seed, threads and reversed paths (:class:`specklegen.Budget`), as of
+        :func:`specklegen.render`. By default 100 000 paths. Two calls with one seed see the same medium where
+        the scenes are the same; otherwise only about, since each scene has its own pilot.
     sampler
         "auto" takes the cheapest that is right within the tolerance; "paths", "stationary", "covariance", "screens"
         or one of your own, where you know better (:func:`specklegen.plan` says what each serves).
-    reverse
-        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
-        the tolerance.
     mean
         Add the mean field: what is not scattered, and the mean of what is.
-    threads
-        Threads, by default all cores that the process may run on; the result does not depend on them.
+    fields
+        Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
 
     Returns
     -------
@@ -99,8 +87,8 @@ def transmission_matrix(
     modes = None if modes is None else finite_numbers("transmission_matrix modes", modes)
     if modes is not None and (modes.ndim != 2 or modes.shape[0] != count):
         reject("transmission_matrix modes", f"of shape ({count}, K), one row a beam", modes.shape)
-    budget = Budget("transmission_matrix", paths, rel_error, seconds, seed, threads, reverse)
-    stack = rendered(scene.replace(illumination=beams), budget, Options(sampler, mean, owner=budget.owner))
+    budget = budget_of("transmission_matrix", budget, fields, unused=("tolerance",))
+    stack = rendered(scene.replace(illumination=beams), budget, Options(sampler, mean, owner="transmission_matrix"))
     value = stack.field.reshape(count, -1).T.astype(np.complex128)
     if modes is not None:
         value = value @ modes

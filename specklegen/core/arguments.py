@@ -135,10 +135,7 @@ def complex_number(field: str, value: object) -> complex:
 
 def positive_number(field: str, value: object) -> float:
     """Return a finite number greater than 0 as a float."""
-    number = real_number(field, value)
-    if not 0 < number < np.inf:
-        reject(field, "finite and greater than 0", value)
-    return number
+    return number_from_zero(field, value, above=True, finite=True)
 
 
 def real_array(field: str, value: ArrayLike) -> np.ndarray:

@@ -7,13 +7,13 @@ states; ``paths=`` that count gives the same bits on any machine of the type.
 
 import logging
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from typing import Literal, TypedDict
 
 import numpy as np
 
-from specklegen.core.arguments import real_number, whole_number
+from specklegen.core.arguments import instance, real_number, whole_number
 from specklegen.core.errors import reject
 from specklegen.core.parallel import thread_count
 from specklegen.core.random_streams import Seed, Stream, stream_key
@@ -37,35 +37,47 @@ _BOUNDS = {"rel_error": (1e-9, 1.0), "seconds": (0.0, MOST_SECONDS), "tolerance"
 Reverse = bool | Literal["auto"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Budget:
-    """Cost that a result may have, and its seed: the arguments that the verbs share, checked once.
+    """Cost that the result of a verb may have, and its seed; most verbs take one as ``budget``.
 
-    Attributes
+    Any field may also be given to the verb by its name, and then replaces that of the budget:
+    ``render(scene, paths=1000)``, ``render(scene, budget=budget, seed=3)``. A verb refuses fields that it does not use.
+
+    Parameters
     ----------
-    owner : str
-        The verb that is asked, for messages.
-    paths : int, optional
-        Paths to trace; 100 000 unless ``rel_error`` or ``seconds`` sets their number.
-    rel_error : float, optional
-        Instead: trace what a pilot says the verb's error takes to fall to this. The count is fixed before the run, so
-        the estimate stays unbiased; the result says what was reached.
-    seconds : float, optional
-        Instead, or as a limit to ``rel_error``: trace what this time allows on this machine.
-    seed : int or sequence of them
-        The result is a function of it, the number of paths and the verb's other arguments.
-    threads : int, optional
-        Threads, by default all cores that the process may run on; the result does not depend on it.
-    reverse : bool or "auto"
-        Whether reversed paths (coherent backscattering) take part; "auto" drops them where they add less than
-        ``tolerance`` (physics.md 2).
-    tolerance : float
-        Relative intensity below which "auto" drops a part.
-    least : int
-        Paths that the verb's estimate takes at least.
+    paths
+        Random paths to trace; 100 000 by default, unless ``rel_error`` or ``seconds`` sets their number. Errors fall
+        with the root of it.
+    rel_error
+        Instead of ``paths``: as many as a pilot says the verb's error takes to fall to this. What error it is stands
+        with the verb, and its result states what was reached. The number is fixed before the run, so that the estimate
+        stays unbiased.
+    seconds
+        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
+    seed
+        A whole number, or a sequence of them. The result is a function of it, the number of paths and the verb's other
+        arguments.
+    threads
+        Threads, by default all cores that the process may run on; the result does not depend on their number.
+    reverse
+        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
+        ``tolerance`` of the intensity.
+    tolerance
+        Share of the intensity below which "auto" leaves a part out; smaller is slower. Verbs that render take
+        ``rel_error`` for it.
+
+    Examples
+    --------
+    >>> import specklegen as sg
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> budget = sg.Budget(paths=2000, seed=1)
+    >>> curve = sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 1e-4], budget=budget)
+    >>> other = sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 1e-4], budget=budget, seed=2)
+    >>> curve.paths, other.paths, bool((curve.intensity == other.intensity).all())
+    (2000, 2000, False)
     """
 
-    owner: str
     paths: int | None = None
     rel_error: float | None = None
     seconds: float | None = None
@@ -73,48 +85,77 @@ class Budget:
     threads: int | None = None
     reverse: Reverse = "auto"
     tolerance: float = 0.02
-    least: int = 1
 
     def __post_init__(self) -> None:
-        owner, paths, rel_error, seconds = self.owner, self.paths, self.rel_error, self.seconds
-        if paths is not None and (rel_error is not None or seconds is not None):
-            reject(f"{owner} paths", "left out where rel_error or seconds is given", paths)
-        if paths is not None:
+        if self.paths is not None:
+            if self.rel_error is not None or self.seconds is not None:
+                reject("Budget.paths", "left out where rel_error or seconds is given", self.paths)
             # Python's int: one of NumPy would have every kernel compiled again, for its type.
-            object.__setattr__(self, "paths", whole_number(f"{owner} paths", paths, self.least))
+            object.__setattr__(self, "paths", whole_number("Budget.paths", self.paths, 1))
         for name, (least, most) in _BOUNDS.items():
             value = getattr(self, name)
             if value is None and name != "tolerance":
                 continue
-            number = real_number(f"{owner} {name}", value)
+            number = real_number(f"Budget.{name}", value)
             if not least < number < most:
-                reject(f"{owner} {name}", f"between {least:g} and {most:g}", value)
+                reject(f"Budget.{name}", f"between {least:g} and {most:g}", value)
             object.__setattr__(self, name, number)
         stream_key(self.seed, Stream.PATHS)
         thread_count(self.threads)
-        if not isinstance(self.reverse, str) or self.reverse != "auto":
-            if not isinstance(self.reverse, bool | np.bool_):
-                reject("reverse", 'True, False or "auto"', self.reverse)
+        if isinstance(self.reverse, bool | np.bool_):
             object.__setattr__(self, "reverse", bool(self.reverse))
+        elif not isinstance(self.reverse, str) or self.reverse != "auto":
+            reject("Budget.reverse", 'True, False or "auto"', self.reverse)
 
-    def count(self, pilot: Callable[[int], float]) -> int:
+    def count(self, pilot: Callable[[int], float], least: int = 1) -> int:
         """Paths that the budget allows: those of the error asked for, at most those of the time allowed.
 
         Parameters
         ----------
         pilot
             Runs a pilot of a number of paths, of which it is a pure function, and returns the error reached.
+        least
+            Paths that the estimate takes at least.
         """
         if self.paths is not None:
-            return self.paths
+            return whole_number("Budget.paths", self.paths, least)
         wanted = DEFAULT_PATHS
         if self.rel_error is not None:
             error = pilot(_PILOT_PATHS)
             wanted = _PILOT_PATHS if not error > 0 else round(MARGIN * _PILOT_PATHS * (error / self.rel_error) ** 2)
         if self.seconds is not None:
             allowed = paths_within(self.seconds, pilot)
-            wanted = min(wanted, allowed) if self.rel_error is not None else allowed
-        return max(wanted, _FEWEST, self.least)
+            wanted = allowed if self.rel_error is None else min(wanted, allowed)
+        return max(wanted, _FEWEST, least)
+
+
+class BudgetFields(TypedDict, total=False):
+    """Fields of a :class:`Budget`, as verbs take them by name."""
+
+    paths: int | None
+    rel_error: float | None
+    seconds: float | None
+    seed: Seed
+    threads: int | None
+    reverse: Reverse
+    tolerance: float
+
+
+def budget_of(owner: str, budget: Budget | None, given: BudgetFields, unused: Collection[str] = ()) -> Budget:
+    """Return the budget of a verb: fields given by name in place of those of the budget.
+
+    Raises
+    ------
+    RuleError
+        For a field that the verb does not use.
+    TypeError
+        For a name that is no field.
+    """
+    result = replace(Budget() if budget is None else instance(f"{owner} budget", budget, Budget), **given)
+    for name in unused:
+        if getattr(result, name) != getattr(Budget, name):
+            reject(f"{owner} {name}", f"left out: {owner} does not use it", getattr(result, name))
+    return result
 
 
 def paths_within(seconds: float, pilot: Callable[[int], float]) -> int:

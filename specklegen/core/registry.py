@@ -13,8 +13,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from pydantic import AfterValidator
-
 from specklegen.core.errors import RuleError, reject
 
 _WORD = r"[^\W\d]\w*"
@@ -23,18 +21,6 @@ IMPORTABLE = ("type", "kind", "sampler")
 """Keys of tables whose texts may be import paths."""
 
 T = TypeVar("T")
-
-
-def one_of(names: Collection[str]) -> AfterValidator:
-    """Rule of a field that holds one of some names, which may grow; signatures show them."""
-
-    def check(name: str) -> str:
-        if name not in names:
-            raise ValueError(f"one of {', '.join(map(repr, names))}")
-        return name
-
-    check.names = names  # type: ignore[attr-defined]
-    return AfterValidator(check)
 
 
 def is_import_path(text: object) -> bool:

@@ -16,13 +16,13 @@ A = 1 - R - T, exactly. Definitions and figures: van de Hulst, *Multiple Light S
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import real_array, real_number
-from specklegen.core.budgets import DEFAULT_PATHS, Budget
+from specklegen.core.budgets import DEFAULT_PATHS, Budget, BudgetFields, budget_of
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
@@ -109,13 +109,10 @@ class ReflectanceTransmittance(Pictured):
 def reflectance_transmittance(
     medium: Medium,
     *,
+    budget: Budget | None = None,
     angle: float = 0.0,
     angles: ArrayLike | None = None,
-    paths: int | None = None,
-    rel_error: float | None = None,
-    seconds: float | None = None,
-    seed: Seed = 0,
-    threads: int | None = None,
+    **fields: Unpack[BudgetFields],
 ) -> ReflectanceTransmittance:
     """Walk light through a medium: how much of it is reflected, transmitted and absorbed, and in which directions.
 
@@ -131,16 +128,11 @@ def reflectance_transmittance(
     angles
         float64[n + 1], rising from 0 to pi/2: bounds of the steps over which densities are taken. By default 30
         steps of three degrees; narrower ones show a forward lobe.
-    paths
-        Random paths to trace; 100 000 by default. Errors fall with the root of their number.
-    seconds
-        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
-    seed
-        A whole number, or a sequence of them; the result is a function of it, the paths and the other arguments.
-    threads
-        Threads, by default all cores that the process may run on; the result does not depend on them.
-    rel_error
-        Instead of ``paths``: the largest standard error of the totals, as a share of the incident light.
+    budget
+        Paths, an error or a time, seed and threads (:class:`specklegen.Budget`). ``rel_error`` is the largest
+        standard error of the totals, as a share of the incident light. By default 100 000 paths.
+    fields
+        Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
 
     Raises
     ------
@@ -159,7 +151,7 @@ def reflectance_transmittance(
     (30,)
     """
     owner = "reflectance_transmittance"
-    budget = Budget(owner, paths, rel_error, seconds, seed, threads)
+    budget = budget_of(owner, budget, fields, unused=("reverse", "tolerance"))
     require_medium(f"{owner} medium", medium, "Thin screens let all light through; of a Scene give its medium.")
     require_scalar(f"{owner} medium", medium)
     if medium.dimension == 2:
@@ -171,7 +163,7 @@ def reflectance_transmittance(
     require_walkable(owner, medium, budget.paths or DEFAULT_PATHS)
 
     def run(count: int, seed: Seed, stream: Stream = Stream.PATHS) -> ReflectanceTransmittance:
-        return _balance(medium, angle, edges, count, seed, stream, threads)
+        return _balance(medium, angle, edges, count, seed, stream, budget.threads)
 
     def pilot(count: int) -> float:
         balance = run(count, pilot_seed(medium.fingerprint()), Stream.PILOT)
@@ -181,7 +173,7 @@ def reflectance_transmittance(
 
     count = budget.count(pilot)
     require_walkable(owner, medium, count)
-    return run(count, seed)
+    return run(count, budget.seed)
 
 
 def _balance(

@@ -12,13 +12,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, Unpack, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import choice, instance, positive_number, real_array, real_number
-from specklegen.core.budgets import Budget, Reverse, require_time
+from specklegen.core.budgets import Budget, BudgetFields, Reverse, budget_of, require_time
 from specklegen.core.decision import Decision
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject, warn_user
@@ -239,17 +239,12 @@ def memory_effect(
     *,
     wavelength: float,
     tilts: ArrayLike,
+    budget: Budget | None = None,
     mode: Mode = "transmission",
     channel: Channel = "none",
     azimuth: float = 0.0,
-    paths: int | None = None,
-    rel_error: float | None = None,
-    seconds: float | None = None,
-    seed: Seed = 0,
     view: ArrayLike | None = None,
-    reverse: Reverse = "auto",
-    tolerance: float = 0.02,
-    threads: int | None = None,
+    **fields: Unpack[BudgetFields],
 ) -> MemoryEffect:
     """Correlation of the speckle at zero tilt with that at each tilt, views moved with the tilt.
 
@@ -275,24 +270,14 @@ def memory_effect(
     azimuth
         Of the tilts from that polarisation, radians: 0 along it, pi/2 across it. The curves differ
         (docs/polarisation.md).
-    paths
-        Random paths to trace; 100 000 by default. Errors fall with the root of their number.
-    seconds
-        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
-    seed
-        A whole number, or a sequence of them; the result is a function of it, the paths and the other arguments.
-    reverse
-        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
-        ``tolerance`` of the intensity.
-    tolerance
-        Share of the intensity below which "auto" leaves a part out; smaller is slower.
-    threads
-        Threads, by default all cores that the process may run on; the result does not depend on them.
-    rel_error
-        Instead of ``paths``: the largest standard error of ``intensity``.
+    budget
+        Paths, an error or a time, seed, threads and reversed paths (:class:`specklegen.Budget`). ``rel_error``
+        is the largest standard error of ``intensity``. By default 100 000 paths.
     view
         float[3], direction of the view at zero tilt. Default: the axis in transmission, and in reflection
         5 degrees off exact backscattering, away from its enhancement.
+    fields
+        Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
 
     Raises
     ------
@@ -316,7 +301,7 @@ def memory_effect(
     >>> curve.intensity.round(1), curve.standard_error.shape
     (array([1. , 0.8, 0.6]), (3,))
     """
-    budget = Budget("memory_effect", paths, rel_error, seconds, seed, threads, reverse, tolerance)
+    budget = budget_of("memory_effect", budget, fields)
     seen = analysed("memory_effect", medium, channel, azimuth)
     tilts = np.atleast_1d(real_array("memory_effect tilts", tilts))
     wavelength = positive_number("memory_effect wavelength", wavelength)
@@ -340,12 +325,12 @@ def memory_effect(
         curve = partial(_polarised, seen=seen, symmetric=symmetric, near=near)
 
     def run(count: int, seed: Seed) -> tuple:
-        return curve(medium, wavelength, light, view, views, side, count, seed, reversal.needed, threads)
+        return curve(medium, wavelength, light, view, views, side, count, seed, reversal.needed, budget.threads)
 
     keyed = pilot_seed(medium.unitless_fingerprint())
     count = budget.count(lambda n: float(np.nan_to_num(run(n, keyed)[3]).max(initial=0.0)))
-    require_traced("memory_effect", medium, aim, count, threads)
-    field, intensity, decorrelation, error, single, lit = run(count, seed)
+    require_traced("memory_effect", medium, aim, count, budget.threads)
+    field, intensity, decorrelation, error, single, lit = run(count, budget.seed)
     if np.isnan(single):
         warn_user(
             f"memory_effect: none of {count} paths carried light, so that nothing is known. Trace more paths, or take "

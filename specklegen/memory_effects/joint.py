@@ -14,13 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import positive_number, real_array
-from specklegen.core.budgets import Budget, require_time
+from specklegen.core.budgets import Budget, BudgetFields, budget_of, require_time
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject
 from specklegen.core.labelled import Labelled, Labels
@@ -117,12 +117,9 @@ def joint_correlation(
     wavelength: float,
     tilts: ArrayLike,
     shifts: ArrayLike,
+    budget: Budget | None = None,
     lags: ArrayLike = 0.0,
-    paths: int | None = None,
-    rel_error: float | None = None,
-    seconds: float | None = None,
-    seed: Seed = 0,
-    threads: int | None = None,
+    **fields: Unpack[BudgetFields],
 ) -> JointCorrelation:
     """Joint tilt and shift correlation of transmitted light over all views.
 
@@ -136,16 +133,12 @@ def joint_correlation(
         float[T] differences of direction sines, float[S] lengths on the exit plane, both along x.
     lags
         Time between, or float[L] times, which add an axis to the result: of a slab with a ``motion``.
-    paths
-        Random paths through a slab, at least one a batch of 64; 100 000 by default. Screens need none.
-    seconds
-        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
-    seed
-        A whole number, or a sequence of them; the result is a function of it, the paths and the other arguments.
-    threads
-        Threads, by default all cores that the process may run on; the result does not depend on them.
-    rel_error
-        Instead of ``paths``: the largest standard error of ``magnitude``.
+    budget
+        Paths through a slab, an error or a time, seed and threads (:class:`specklegen.Budget`); at least one
+        path a batch of 64, and none through screens. ``rel_error`` is the largest standard error of
+        ``magnitude``. By default 100 000 paths.
+    fields
+        Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
 
     Raises
     ------
@@ -169,7 +162,7 @@ def joint_correlation(
             reject(f"joint_correlation {name}", "of one dimension", numbers.shape)
     wavelength = positive_number("joint_correlation wavelength", wavelength)
     owner = "joint_correlation"
-    budget = Budget(owner, paths, rel_error, seconds, seed, threads, least=BATCHES)
+    budget = budget_of(owner, budget, fields, unused=("reverse", "tolerance"))
     lags = real_array(f"{owner} lags", lags)
     if lags.ndim > 1 or not (np.isfinite(lags).all() and (lags >= 0).all()):
         reject(f"{owner} lags", "at least 0, of shape () or (L,)", np.atleast_1d(lags))
@@ -197,14 +190,14 @@ def joint_correlation(
         x = x if law is None else reduced_time(f"{owner} lags", law, wavelength, lags)
 
     def run(count: int, seed: Seed) -> JointCorrelation:
-        return replace(_of_slab(medium, wavelength, tilts, shifts, x, lags, count, seed, threads), lags=lags)
+        return replace(_of_slab(medium, wavelength, tilts, shifts, x, lags, count, seed, budget.threads), lags=lags)
 
     keyed = pilot_seed(medium.unitless_fingerprint())
-    count = budget.count(lambda n: float(np.nan_to_num(run(n, keyed).standard_error).max(initial=0.0)))
+    count = budget.count(lambda n: float(np.nan_to_num(run(n, keyed).standard_error).max(initial=0.0)), BATCHES)
     require_reach(owner, relative_variance(medium), count)
     phasors = 2.0 * len(tilts) * len(shifts) * x.size * count
     require_walkable(owner, medium, count, 1e-9 * NANOSECONDS["phasor"] * phasors)
-    return run(count, seed)
+    return run(count, budget.seed)
 
 
 _PAIR_BYTES, _SCREEN_BYTES = 8 * 2**10, 64

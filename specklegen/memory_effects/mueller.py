@@ -9,13 +9,13 @@ of a path together where they interfere. Van de Hulst, *Light Scattering by Smal
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import complex_array
-from specklegen.core.budgets import Budget, Reverse
+from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
@@ -113,15 +113,10 @@ def mueller_matrix(
     medium: PlaneMedium,
     *,
     wavelength: float,
+    budget: Budget | None = None,
     mode: Mode = "transmission",
     view: ArrayLike | None = None,
-    paths: int | None = None,
-    rel_error: float | None = None,
-    seconds: float | None = None,
-    seed: Seed = 0,
-    reverse: Reverse = "auto",
-    tolerance: float = 0.02,
-    threads: int | None = None,
+    **fields: Unpack[BudgetFields],
 ) -> MuellerMatrix:
     """Estimate the mean Mueller matrix of the light that a slab scatters into one direction, at normal incidence.
 
@@ -136,21 +131,11 @@ def mueller_matrix(
     view
         float64[3], direction in which light is seen. By default the axis in transmission, and in reflection 5 degrees
         off exact backscattering, away from its enhancement.
-    paths
-        Random paths to trace; 100 000 by default. Errors fall with the root of their number.
-    seconds
-        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
-    seed
-        A whole number, or a sequence of them; the result is a function of it, the paths and the other arguments.
-    reverse
-        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
-        ``tolerance`` of the intensity.
-    tolerance
-        Share of the intensity below which "auto" leaves a part out; smaller is slower.
-    threads
-        Threads, by default all cores that the process may run on; the result does not depend on them.
-    rel_error
-        Instead of ``paths``: the largest standard error of the degrees of polarisation.
+    budget
+        Paths, an error or a time, seed, threads and reversed paths (:class:`specklegen.Budget`). ``rel_error``
+        is the largest standard error of the degrees of polarisation. By default 100 000 paths.
+    fields
+        Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
 
     Raises
     ------
@@ -172,7 +157,7 @@ def mueller_matrix(
     True
     """
     owner = "mueller_matrix"
-    budget = Budget(owner, paths, rel_error, seconds, seed, threads, reverse, tolerance)
+    budget = budget_of(owner, budget, fields)
     aim = aimed(owner, medium, wavelength, np.zeros(1), mode, view, budget.reverse, budget.tolerance)
     if medium.polarisation == "scalar":
         reject(f"{owner} medium", 'one with polarisation = "projector" or "vector"', medium.polarisation,
@@ -180,15 +165,15 @@ def mueller_matrix(
     both = aim.reversal.needed
 
     def run(count: int, seed: Seed) -> MuellerMatrix:
-        return _estimate(medium, float(wavelength), aim.view, count, seed, threads, both)
+        return _estimate(medium, float(wavelength), aim.view, count, seed, budget.threads, both)
 
     def worst(count: int) -> float:
         matrix = run(count, pilot_seed(medium.unitless_fingerprint()))
         return float(np.nan_to_num(max(matrix.linear_error, matrix.circular_error)))
 
     count = budget.count(worst)
-    require_traced(owner, medium, aim, count, threads)
-    return run(count, seed)
+    require_traced(owner, medium, aim, count, budget.threads)
+    return run(count, budget.seed)
 
 
 def _estimate(

@@ -14,13 +14,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import array_from_zero, positive_number, real_array
-from specklegen.core.budgets import Budget, Reverse, require_time
+from specklegen.core.budgets import Budget, BudgetFields, budget_of, require_time
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.labelled import Labelled, Labels
@@ -160,18 +160,13 @@ def temporal_correlation(
     *,
     wavelength: float,
     lags: ArrayLike,
+    budget: Budget | None = None,
     tilts: ArrayLike = 0.0,
     channel: Channel = "none",
     azimuth: float = 0.0,
     mode: Mode = "transmission",
     view: ArrayLike | None = None,
-    paths: int | None = None,
-    rel_error: float | None = None,
-    seconds: float | None = None,
-    seed: Seed = 0,
-    reverse: Reverse = "auto",
-    tolerance: float = 0.02,
-    threads: int | None = None,
+    **fields: Unpack[BudgetFields],
 ) -> TemporalCorrelation:
     """Correlation of the speckle behind (or before) a medium with itself a lag later.
 
@@ -201,21 +196,11 @@ def temporal_correlation(
     view
         float64[3], in flatland float64[2]: unit vector along which light is seen. By default the axis in transmission,
         and in reflection 5 degrees off exact backscattering, away from its enhancement.
-    paths
-        Random paths to trace; 100 000 by default. Errors fall with the root of their number.
-    seconds
-        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
-    seed
-        A whole number, or a sequence of them; the result is a function of it, the paths and the other arguments.
-    reverse
-        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
-        ``tolerance`` of the intensity.
-    tolerance
-        Share of the intensity below which "auto" leaves a part out; smaller is slower.
-    threads
-        Threads, by default all cores that the process may run on; the result does not depend on them.
-    rel_error
-        Instead of ``paths``: the largest standard error of ``intensity``.
+    budget
+        Paths, an error or a time, seed, threads and reversed paths (:class:`specklegen.Budget`). ``rel_error``
+        is the largest standard error of ``intensity``. By default 100 000 paths.
+    fields
+        Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
 
     Raises
     ------
@@ -238,7 +223,7 @@ def temporal_correlation(
     (array([1. , 0.7, 0.3]), True)
     """
     owner = "temporal_correlation"
-    budget = Budget(owner, paths, rel_error, seconds, seed, threads, reverse, tolerance)
+    budget = budget_of(owner, budget, fields)
     wavelength = positive_number(f"{owner} wavelength", wavelength)
     lags, tilts = array_from_zero(f"{owner} lags", lags, finite=True), real_array(f"{owner} tilts", tilts)
     try:
@@ -255,7 +240,7 @@ def temporal_correlation(
     aim, tracer, events, keyed, require_enough = sight(medium, wavelength, angles, mode, view, budget, seen is not None)
     law = law_of(medium.motions)
     x = 0.0 * lags if law is None else reduced_time(f"{owner} lags", law, wavelength, lags)
-    asked = Asked(medium, wavelength, aim, tracer, angles, number.ravel(), x.ravel(), lags.ravel(), threads, law)
+    asked = Asked(medium, wavelength, aim, tracer, angles, number.ravel(), x.ravel(), lags.ravel(), budget.threads, law)
     way = by_ways if asked.keeps_directions else by_amplitudes
     if seen is not None:
         way = partial(polarised, seen=seen)
@@ -266,10 +251,10 @@ def temporal_correlation(
     ends = 2.0 * (1 + len(angles)) * count * (2 if aim.reversal.needed else 1)
     work = {"path": count, "event": events, "end": ends, "phasor": float(x.size * count)}
     require_time(
-        f"{owner} lags", seconds_of(work, thread_count(threads)),
+        f"{owner} lags", seconds_of(work, thread_count(budget.threads)),
         f"{x.size} lags of {count} paths, {events:.1e} scatterings", "Ask for fewer lags, or for fewer paths.",
     )  # fmt: skip
-    result = way(asked, count, seed)
+    result = way(asked, count, budget.seed)
     if np.isnan(result.static):
         warn_user(
             f"{owner}: none of {count} paths carried light, so that nothing is known. Trace more paths, or take a "
@@ -299,7 +284,7 @@ def _of_plane(
     medium: PlaneMedium, wavelength: float, tilts: np.ndarray, mode: Mode, view: ArrayLike | None, budget: Budget,
     polarised: bool,
 ) -> _Sight:  # fmt: skip
-    owner = budget.owner
+    owner = "temporal_correlation"
     aim = aimed(owner, medium, wavelength, tilts, mode, view, budget.reverse, budget.tolerance)
     if refracting_layers(medium):
         require_axial(owner, medium, wavelength, tilts, mode, aim.view, budget.reverse)
@@ -323,10 +308,10 @@ def _of_plane(
 
 
 def _of_volume(
-    medium: Box | VoxelGrid, wavelength: float, tilts: np.ndarray, mode: Mode, view: ArrayLike | None, budget: Budget,
-    polarised: bool,  # noqa: ARG001 - slabs alone are
+    medium: Box | VoxelGrid, wavelength: float, tilts: np.ndarray, mode: Mode, view: ArrayLike | None,
+    budget: Budget, polarised: bool,  # noqa: ARG001 - slabs alone are
 ) -> _Sight:  # fmt: skip
-    owner = budget.owner
+    owner = "temporal_correlation"
     aim, scene = volume_scene(owner, medium, wavelength, tilts, mode, view, budget.reverse, budget.tolerance)
     variance = max(crossing_variances(scene), default=0.0) if mode == "transmission" else 0.0
     return _Sight(

@@ -8,11 +8,12 @@ scene's fingerprint. Predicted seconds may differ between machines, choices may 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Unpack
 
 import numpy as np
 
 from specklegen.core.arguments import flag, instance, real_number, whole_number
-from specklegen.core.budgets import Budget, Reverse
+from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
@@ -91,16 +92,14 @@ def scene_decisions(scene: Scene) -> tuple[Decision, ...]:
 def plan(
     scene: Scene,
     *,
-    paths: int | None = None,
-    rel_error: float | None = None,
+    budget: Budget | None = None,
     sampler: AnySampler = "auto",
-    reverse: Reverse = "auto",
     mean: bool = False,
     field_tolerance: float = 1e-3,
     streamed: bool = False,
     envelope: bool = True,
     realizations: int = 1,
-    threads: int | None = None,
+    **fields: Unpack[BudgetFields],
 ) -> Plan:
     """Choose how to render a scene, and predict what it costs.
 
@@ -108,18 +107,15 @@ def plan(
     ----------
     scene
         What to simulate: medium, light and sensor.
-    paths
-        Random paths a realization; 100 000 by default. The error of an image falls with the root of their number.
-    reverse
-        Whether paths count backwards too (coherent backscattering), which a view close to exact backscattering asks
-        for; "auto" leaves that out where it adds less than the tolerance below.
-    rel_error
-        Instead of ``paths``: the square root of the excess correlation between intensities that a finite number of
-        paths leaves within an image, at the worst view: of (2 E w^2 - (E w)^2 - E sum_B w_B^2) / (N (E w)^2), w the
-        contribution of a path and w_B of one of its connections, which share their entrance. Between views far apart
-        it is sqrt(Var w / (N (E w)^2)), up to sqrt 2 times less
-        (:func:`specklegen.coherence.partially_coherent.finite_path_excess`). Also
-        the tolerance of the criterion for the stationary sampler, which is 0.02 otherwise.
+    budget
+        Paths of each realization or an error, threads for which seconds are predicted, and reversed paths,
+        which a view close to exact backscattering asks for (:class:`specklegen.Budget`). By default 100 000
+        paths. ``rel_error`` is the square root of the excess correlation between intensities that a finite
+        number of paths leaves within an image, at the worst view: of (2 E w^2 - (E w)^2 - E sum_B w_B^2) / (N
+        (E w)^2), w the contribution of a path and w_B of one of its connections, which share their entrance.
+        Between views far apart it is sqrt(Var w / (N (E w)^2)), up to sqrt 2 times less
+        (:func:`specklegen.coherence.partially_coherent.finite_path_excess`). Also the tolerance of the
+        criterion for the stationary sampler, which is 0.02 otherwise.
     sampler
         "auto", or one of "paths", "covariance", "stationary", and of thin media "screens". "covariance" (few lights
         and views) estimates the covariance once and draws every realization from its eigenvectors. "convolution" images
@@ -139,8 +135,8 @@ def plan(
     realizations
         How many media will be drawn. "auto" takes the sampler that is quickest to draw so many: what is found once
         for all of them counts once.
-    threads
-        Threads for which seconds are predicted, by default all cores that the process may run on.
+    fields
+        Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
 
     Raises
     ------
@@ -160,7 +156,7 @@ def plan(
     >>> sg.plan(scene, sampler="paths", rel_error=0.1).paths
     443
     """
-    budget = Budget("plan", paths, rel_error, threads=threads, reverse=reverse)
+    budget = budget_of("plan", budget, fields, unused=("seconds", "tolerance"))
     return planned(scene, budget, Options(sampler, mean, field_tolerance, streamed, envelope, realizations, "plan"))
 
 
@@ -247,7 +243,7 @@ def _planned(scene: Scene, budget: Budget, options: Options) -> Plan:
         (chosen, of_sampler), others = served(scene, request, THIN if asked is None else (asked,)), {}
     pilot = getattr(chosen, "pilot", None)  # a sampler without paths has none
     if pilot is not None and chosen.paths:
-        require_reach(budget.owner, pilot.missed_variance, chosen.paths)
+        require_reach(options.owner, pilot.missed_variance, chosen.paths)
     require_float32(chosen.intensity)
     threads, cost = thread_count(budget.threads), chosen.cost()
     needed = chosen.memory(threads)

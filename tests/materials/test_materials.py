@@ -281,7 +281,7 @@ def test_what_is_outside_the_literature_warns_and_what_makes_no_sense_is_refused
         sg.materials.get("skin", 0.8, a=-1.0)
     with pytest.raises(sg.RuleError, match="numbers that scatter"), pytest.warns(sg.DoubtWarning):
         sg.materials.get("intralipid", 0.5, dilution=0.0)
-    with pytest.raises(sg.RuleError, match="unit must be finite and greater than 0"):
+    with pytest.raises(sg.RuleError, match="unit must be finite and above 0"):
         sg.materials.get("skin", 0.8, unit=0.0)
 
 

@@ -182,7 +182,7 @@ def test_what_was_never_seen_has_an_error():
 )
 def test_arguments_out_of_range_are_refused_by_name(change, field):
     arguments = {"medium": VAN_DE_HULST} | change
-    with pytest.raises(sg.RuleError, match=f"^reflectance_transmittance {field} must be"):
+    with pytest.raises(sg.RuleError, match=rf"^(Budget\.|reflectance_transmittance ){field} must be"):
         sg.reflectance_transmittance(arguments.pop("medium"), **arguments)
 
 

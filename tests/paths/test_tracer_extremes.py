@@ -242,9 +242,9 @@ def test_a_sensor_on_a_source_is_refused():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"paths": 0}, "covariance paths must be at least 1"),
-        ({"paths": 10.5}, "covariance paths must be a whole number"),
-        ({"tolerance": 0.0}, "covariance tolerance must be between 0 and 1"),
+        ({"paths": 0}, r"Budget\.paths must be at least 1"),
+        ({"paths": 10.5}, r"Budget\.paths must be a whole number"),
+        ({"tolerance": 0.0}, r"Budget\.tolerance must be between 0 and 1"),
         ({"reverse": "never"}, "reverse must be True, False or"),
         ({"reverse": 1}, "reverse must be True, False or"),
         ({"pairs": [[0, 0, 0, 3]]}, "covariance pairs must be below 1 for lights and below 3 for views"),

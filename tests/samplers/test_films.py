@@ -7,7 +7,6 @@ import pytest
 from zscore import assert_z
 
 import specklegen as sg
-from specklegen.core.budgets import Budget
 from specklegen.core.statistics import jackknife
 from specklegen.kernels.displacements import COLUMNS, add_step
 from specklegen.memory_effects.film import FilmCorrelation, causal_root
@@ -125,7 +124,7 @@ def test_realizations_and_tiles_are_those_of_the_whole():
     scene = film()
     whole = sg.render(scene, sampler="paths", paths=500, seed=1, realizations=2).field
     np.testing.assert_array_equal(sg.render(scene, sampler="paths", paths=500, seed=1).field, whole[0])
-    chosen = planned(scene, Budget("render", 500), Options("paths")).chosen
+    chosen = planned(scene, sg.Budget(paths=500), Options("paths")).chosen
     pieces = np.zeros_like(whole[0])
     for where, part in chosen.prepare(1, 1).fields(0):
         pieces[where] = part
@@ -134,7 +133,7 @@ def test_realizations_and_tiles_are_those_of_the_whole():
 
 def test_the_transform_and_the_direct_sum_draw_one_film():
     scene = film(center=(0.1, 0.0))
-    chosen = planned(scene, Budget("render", 1000), Options("paths")).chosen
+    chosen = planned(scene, sg.Budget(paths=1000), Options("paths")).chosen
     assert chosen.nufft is not None
     direct = replace(chosen, work=replace(chosen.work, nufft=None))
     fast, slow = (next(iter(each.prepare(1, 1).media(1))).image for each in (chosen, direct))

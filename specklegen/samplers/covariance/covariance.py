@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import instance, real_array, whole_number
-from specklegen.core.budgets import Budget, Reverse
+from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.decision import Decision
 from specklegen.core.display.plot import Pictured, decided, draw_curve
 from specklegen.core.errors import reject, warn_user
@@ -159,15 +159,10 @@ class Covariance(Pictured, Labelled):
 def covariance(
     scene: Scene,
     *,
-    paths: int | None = None,
-    rel_error: float | None = None,
-    seconds: float | None = None,
-    seed: Seed = 0,
-    reverse: Reverse = "auto",
+    budget: Budget | None = None,
     pairs: ArrayLike | None = None,
     orders: Orders = "auto",
-    tolerance: float = 0.02,
-    threads: int | None = None,
+    **fields: Unpack[BudgetFields],
 ) -> Covariance:
     """Estimate the covariance of the speckle field of a scene; the memory it takes does not grow with ``paths``.
 
@@ -175,27 +170,17 @@ def covariance(
     ----------
     scene
         Any medium, lights and sensor. An incoherent object's lights are its lit pixels' beams of unit irradiance.
-    paths
-        Random paths to trace; 100 000 by default. Errors fall with the root of their number.
-    seconds
-        Instead, or as a limit to ``rel_error``: as many paths as this time allows on this machine.
-    seed
-        A whole number, or a sequence of them; the result is a function of it, the paths and the other arguments.
-    reverse
-        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
-        ``tolerance`` of the intensity.
-    tolerance
-        Share of the intensity below which "auto" leaves a part out; smaller is slower.
-    threads
-        Threads, by default all cores that the process may run on; the result does not depend on them.
-    rel_error
-        Instead of ``paths``: the largest standard error over sqrt(C_pp C_qq).
+    budget
+        Paths, an error or a time, seed, threads and reversed paths (:class:`specklegen.Budget`). ``rel_error``
+        is the largest standard error over sqrt(C_pp C_qq). By default 100 000 paths.
     pairs
         int[P, 4], rows (light, view, light, view): only these entries. Default: all of them.
     orders
         "all", "single", or "auto": single scattering alone, in closed form (Eq. 41) instead of by Monte Carlo, where
         a pilot finds the rest below ``tolerance`` and the closed form cheaper. ``rel_error`` then is the share of the
         intensity left out, and ``standard_error`` is 0. For a homogeneous box, plane waves and far views.
+    fields
+        Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
 
     Raises
     ------
@@ -219,7 +204,7 @@ def covariance(
     >>> sg.covariance(scene, paths=1000).value.shape  # light, view, light, view
     (2, 3, 2, 3)
     """
-    budget = Budget("covariance", paths, rel_error, seconds, seed, threads, reverse, tolerance)
+    budget = budget_of("covariance", budget, fields)
     _require_volume("covariance", scene)
     t, v = len(scene.lights), len(scene.views)
     if pairs is None:
@@ -243,14 +228,14 @@ def covariance(
         left_out = volume_pilot(scene, reverse).multiple_share
         zeros = np.zeros(value.shape)
         return Covariance(value, zeros, value, zeros.astype(np.complex128), 0, reverse, left_out, 0, decisions)
-    run = partial(_estimate, tracer, seen, reverse=reverse, entries=entries, threads=threads)
+    run = partial(_estimate, tracer, seen, reverse=reverse, entries=entries, threads=budget.threads)
     keyed = pilot_seed(scene.unitless_fingerprint())
     count = budget.count(lambda n: run(n, keyed, stream=Stream.PILOT)[0].rel_error)
     variances = crossing_variances(scene)
     require_reach("covariance", min(variances, default=0.0), count)
     asked = (t * v) ** 2 / 2 if chosen is None else float(len(chosen))
     require_covariance_time("covariance", scene, reverse, count, asked)
-    estimate, powers = run(count, seed)
+    estimate, powers = run(count, budget.seed)
     _warn("covariance", variances, powers)
     estimate = replace(estimate, decisions=decisions)
     return estimate if pairs is not None else estimate.reshaped((t, v, t, v))
@@ -260,11 +245,8 @@ def covariance_blocks(
     scene: Scene,
     *,
     rows: int,
-    paths: int | None = None,
-    seed: Seed = 0,
-    reverse: Reverse = "auto",
-    tolerance: float = 0.02,
-    threads: int | None = None,
+    budget: Budget | None = None,
+    **fields: Unpack[BudgetFields],
 ) -> Iterator[tuple[slice, Covariance]]:
     """Return the covariance by blocks of rows, for what does not fit into memory at once.
 
@@ -277,17 +259,10 @@ def covariance_blocks(
         Medium, lights and views, whose every pair is a row.
     rows
         Rows at a time: memory grows with their number, and paths are traced anew for each block.
-    paths
-        Random paths; 100 000 by default. Errors fall with the root of their number.
-    seed
-        A whole number, or a sequence of them; the result is a function of it, the paths and the other arguments.
-    reverse
-        Whether paths count backwards too (coherent backscattering); "auto" leaves that out where it adds less than
-        ``tolerance`` of the intensity.
-    tolerance
-        Share of the intensity below which "auto" leaves a part out; smaller is slower.
-    threads
-        Threads, by default all cores that the process may run on; the result does not depend on them.
+    budget
+        Paths, seed, threads and reversed paths (:class:`specklegen.Budget`). By default 100 000 paths.
+    fields
+        Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
 
     Examples
     --------
@@ -301,7 +276,7 @@ def covariance_blocks(
     slice(4, 6, None) (2, 2, 3)
     """
     rows = whole_number("covariance_blocks rows", rows, 1)
-    budget = Budget("covariance_blocks", paths, seed=seed, threads=threads, reverse=reverse, tolerance=tolerance)
+    budget = budget_of("covariance_blocks", budget, fields, unused=("rel_error", "seconds"))
     _require_volume("covariance_blocks", scene)
     reversal = scene_reversal(scene, budget.reverse, budget.tolerance)
     tracer, paths = volume_tracer(scene, reversal.needed), budget.count(lambda n: 0.0)
@@ -326,7 +301,7 @@ def _blocks(
                 threads=budget.threads,
             )  # fmt: skip
         if start == 0:
-            _warn(budget.owner, variances, powers)
+            _warn("covariance_blocks", variances, powers)
         yield part, estimate.reshaped((part.stop - part.start, t, v))
 
 
