@@ -1,4 +1,4 @@
-"""First lines of docstrings: each begins with a noun or a verb, and says "what" at most once."""
+"""Docstrings: first lines begin with a noun or a verb; sections Raises say more than that arguments have rules."""
 
 import ast
 import re
@@ -9,6 +9,10 @@ import pytest
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("specklegen", "datasets", "models")
 WITHOUT_SUBJECT = frozenset("As At By For From In Nothing Of On That Those To With".split())
+RULE_ERRORS = re.compile(r"^RuleError\n((?: {4}.*\n?)+)(?!\n*[A-Z]\w+\n {4})", re.MULTILINE)
+REPEATS = re.compile(
+    r"(?i)((as|see) [^,;]*|(naming|with|always)\b.*|(if|for|where) [^,;:]*(range|rule|none|something else))\."
+)
 
 
 def reason(first: str) -> str | None:
@@ -20,24 +24,38 @@ def reason(first: str) -> str | None:
     return None
 
 
-def first_lines(file: Path):
-    """Yield line number and first line of every docstring of a file."""
+def docstrings(folder: str):
+    """Yield place and text of every docstring of a folder."""
+    for file in (ROOT / folder).rglob("*.py"):
+        if ROOT.joinpath(folder) in file.resolve().parents:
+            yield from ((f"{file.relative_to(ROOT)}:{line}", text) for line, text in texts(file))
+
+
+def texts(file: Path):
+    """Yield line number and text of every docstring of a file."""
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module):
             text = ast.get_docstring(node)
             if text:
-                yield getattr(node, "lineno", 1), text.splitlines()[0]
+                yield getattr(node, "lineno", 1), text
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_first_lines_have_a_subject(folder):
-    files = [file for file in (ROOT / folder).rglob("*.py") if ROOT.joinpath(folder) in file.resolve().parents]
-    found = [
-        f"{file.relative_to(ROOT)}:{line} {reason(first)}: {first}"
-        for file in files for line, first in first_lines(file) if reason(first)
+    lines = [(place, text.splitlines()[0]) for place, text in docstrings(folder)]
+    assert lines
+    assert [f"{place} {reason(first)}: {first}" for place, first in lines if reason(first)] == []
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_sections_raises_say_more_than_the_rules_of_arguments(folder):
+    """A limit of memory or time, a file, a sampler, another error; not that a field has a range."""
+    repeated = [
+        f"{place} {' '.join(entry[1].split())}"
+        for place, text in docstrings(folder) for entry in RULE_ERRORS.finditer(text)
+        if REPEATS.fullmatch(" ".join(entry[1].split()))
     ]  # fmt: skip
-    assert files
-    assert not found, "\n".join(found)
+    assert repeated == []
 
 
 @pytest.mark.parametrize("first", ["Of all lights.", "Those of the media.", "What it does, and what it costs."])

@@ -151,7 +151,7 @@ def budget_of(owner: str, budget: Budget | None, given: BudgetFields, unused: Co
     TypeError
         For a name that is no field.
     """
-    result = replace(Budget() if budget is None else instance(f"{owner} budget", budget, Budget), **given)
+    result = Budget(**given) if budget is None else replace(instance(f"{owner} budget", budget, Budget), **given)
     for name in unused:
         if getattr(result, name) != getattr(Budget, name):
             reject(f"{owner} {name}", f"left out: {owner} does not use it", getattr(result, name))
@@ -176,13 +176,7 @@ def paths_within(seconds: float, pilot: Callable[[int], float]) -> int:
 
 
 def require_time(owner: str, seconds: float, what: str, remedy: str) -> None:
-    """Refuse work of more than a month of one core, and log work of a while, before it is begun.
-
-    Raises
-    ------
-    RuleError
-        With the days it takes, and what to do instead.
-    """
+    """Refuse work of more than a month of one core, and log work of a while, before it is begun."""
     if not seconds <= MOST_SECONDS:
         reject(owner, f"done within {MOST_SECONDS / 86400:.0f} days", f"{seconds / 86400:.2g} days for {what}", remedy)
     if seconds > TOLD_SECONDS:

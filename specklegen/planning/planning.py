@@ -175,11 +175,6 @@ class Options:
         Realizations, 1 where no number is given.
     owner : str
         The verb that is asked, for messages.
-
-    Raises
-    ------
-    RuleError
-        Naming the argument.
     """
 
     sampler: AnySampler = "auto"

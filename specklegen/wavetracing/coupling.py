@@ -74,11 +74,6 @@ def window_losses(fields: PlaneField | Sequence[PlaneField]) -> WindowLosses:
     fields
         On planes before the window, as :func:`illumination_of` takes them: one, or several of one plane.
 
-    Raises
-    ------
-    RuleError
-        As `illumination_of`.
-
     Examples
     --------
     >>> from specklegen.wavetracing import Plane, PlaneWave, field_on_plane, window_losses

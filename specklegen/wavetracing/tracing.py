@@ -97,11 +97,6 @@ def trace(
     -------
     WaveTrace
 
-    Raises
-    ------
-    RuleError
-        For an argument out of range.
-
     A `DoubtWarning` says where edges are shorter than the wavelength, for which Fraunhofer's pattern is no model, or
     than their Fresnel zone towards the nearest receiver, where UTD would need rays from corners.
 
