@@ -1,55 +1,16 @@
 """What can be set, and the address that holds it.
 
-A state is a frozen tuple. Its fields are the sliders, its defaults where they begin, :data:`CONTROLS` where they may
-stand. A new slider is a field, a line of :data:`CONTROLS`, and its place in :mod:`specklegen.explorer.recipe`.
+The fields of a state are the sliders: each states where it begins and where it may stand. A new slider is a field, and
+its place in :mod:`specklegen.explorer.recipe`.
 """
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 from specklegen.datasets.objects import Bars, Blobs, Glyphs, Points, Polygons, Silhouettes, Strokes
 from specklegen.scene.screens import GRITS
-
-
-class State(NamedTuple):
-    """Where the sliders stand.
-
-    Lengths are in micrometres, those of a laboratory in millimetres but for its pixels, angles in milliradians inside
-    the medium, the lag in milliseconds.
-    """
-
-    view: str = "seeing through"
-    medium: str = "slab"
-    thickness: float = 1000.0
-    mean_free_path: float = 100.0
-    lobe: str = "HenyeyGreenstein"
-    g: float = 0.9
-    refractive_index: float = 1.0
-    second_thickness: float = 500.0
-    second_mean_free_path: float = 50.0
-    second_g: float = 0.8
-    grit: str = "220"
-    gap: float = 0.0
-    wavelength: float = 0.5
-    setup: str = "angles"
-    aperture: float = 50_000.0
-    object: str = "Glyphs"
-    extent: float = 0.1
-    iris: float = 5.0
-    object_distance: float = 200.0
-    object_width: float = 0.3
-    camera_distance: float = 100.0
-    pixel: float = 5.0
-    camera: int = 192
-    photons: float = 0.0
-    tilt: float = 0.1
-    lag: float = 2.0
-    focus: float = 0.0
-    lens: float = 0.02
-    magnification: float = 2.0
-    analysers: str = "linear"
-    sample: int = 0
 
 
 class Control(NamedTuple):
@@ -67,51 +28,69 @@ class Control(NamedTuple):
     steps: tuple
 
 
+def slider(start: Any, label: str, *steps: Any) -> Any:
+    """Return the field of a state that a control sets, with the value that it begins with."""
+    return field(default=start, metadata={"control": Control(label, steps)})
+
+
 _THICKNESSES = (200.0, 300.0, 500.0, 700.0, 1000.0, 1500.0, 2000.0, 3000.0, 4000.0)
 _PATHS = (50.0, 70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 700.0, 1000.0)
 _COSINES = (0.1, 0.3, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98)
 
-CONTROLS: dict[str, Control] = {
-    "view": Control("look at", ("seeing through", "motion", "polarisation", "a lens")),
-    "medium": Control("medium", ("slab", "two layers", "ground glass")),
-    "thickness": Control("thickness, µm", _THICKNESSES),
-    "mean_free_path": Control("mean free path, µm", _PATHS),
-    "lobe": Control("lobe", ("HenyeyGreenstein", "VonMisesFisher")),
-    "g": Control("anisotropy g", _COSINES),
-    "refractive_index": Control("refractive index, in air (1: no faces)", (1.0, 1.2, 1.33, 1.4, 1.5, 1.6)),
-    "second_thickness": Control("thickness of the second layer, µm", _THICKNESSES),
-    "second_mean_free_path": Control("its mean free path, µm", _PATHS),
-    "second_g": Control("its anisotropy g", _COSINES),
-    "grit": Control("grit of the glass", tuple(str(grit) for grit in GRITS)),
-    "gap": Control("gap to a second glass, µm (0: one alone)", (0.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)),
-    "wavelength": Control("wavelength in the medium, µm", (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.2)),
-    "setup": Control("setup in", ("angles", "laboratory lengths")),
-    "aperture": Control("aperture, µm", (5e3, 7e3, 1e4, 1.5e4, 2e4, 3e4, 5e4, 7e4, 1e5)),
-    "object": Control(
-        "object", tuple(each.__name__ for each in (Glyphs, Points, Bars, Strokes, Polygons, Blobs, Silhouettes))
-    ),
-    "extent": Control("width of the object, mrad", (0.02, 0.03, 0.04, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3)),
-    "iris": Control("iris on the medium, mm", (0.5, 0.7, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0)),
-    "object_distance": Control("object to medium, mm", (50.0, 100.0, 200.0, 300.0, 500.0, 1000.0)),
-    "object_width": Control("width of the object, mm", (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 2.0)),
-    "camera_distance": Control("medium to camera, mm", (20.0, 50.0, 100.0, 150.0, 200.0, 300.0, 500.0)),
-    "pixel": Control("pixel of the camera, µm", (2.0, 3.45, 5.0, 6.5, 11.0)),
-    "camera": Control("camera, pixels a side", (64, 96, 128, 160, 192, 256)),
-    "photons": Control("photons a pixel (0: no noise)", (0.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)),
-    "tilt": Control("tilt, mrad", (0.0, 0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5)),
-    "lag": Control(
-        "lag, ms",
-        (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0),
-    ),
-    "focus": Control(
-        "focus of the lens behind the slab, µm",
-        (-1000.0, -500.0, -200.0, -100.0, -50.0, 0.0, 50.0, 100.0, 200.0, 500.0, 1000.0),
-    ),
-    "lens": Control("aperture of the lens, a sine in the slab", (0.01, 0.015, 0.02, 0.03, 0.04, 0.05)),
-    "magnification": Control("magnification, onto pixels of 6.5 µm", (1.0, 2.0, 3.0, 5.0, 10.0, 20.0)),
-    "analysers": Control("light before two analysers", ("linear", "circular")),
-    "sample": Control("which sample", tuple(range(16))),
-}
+
+@dataclass(frozen=True)
+class State:
+    """Where the sliders stand.
+
+    Lengths are in micrometres, those of a laboratory in millimetres but for its pixels, angles in milliradians inside
+    the medium, the lag in milliseconds.
+    """
+
+    view: str = slider("seeing through", "look at", "seeing through", "motion", "polarisation", "a lens")
+    medium: str = slider("slab", "medium", "slab", "two layers", "ground glass")
+    thickness: float = slider(1000.0, "thickness, µm", *_THICKNESSES)
+    mean_free_path: float = slider(100.0, "mean free path, µm", *_PATHS)
+    lobe: str = slider("HenyeyGreenstein", "lobe", "HenyeyGreenstein", "VonMisesFisher")
+    g: float = slider(0.9, "anisotropy g", *_COSINES)
+    refractive_index: float = slider(1.0, "refractive index, in air (1: no faces)", 1.0, 1.2, 1.33, 1.4, 1.5, 1.6)
+    second_thickness: float = slider(500.0, "thickness of the second layer, µm", *_THICKNESSES)
+    second_mean_free_path: float = slider(50.0, "its mean free path, µm", *_PATHS)
+    second_g: float = slider(0.8, "its anisotropy g", *_COSINES)
+    grit: str = slider("220", "grit of the glass", *(str(grit) for grit in GRITS))
+    gap: float = slider(0.0, "gap to a second glass, µm (0: one alone)", 0.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
+    wavelength: float = slider(0.5, "wavelength in the medium, µm", 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.2)
+    setup: str = slider("angles", "setup in", "angles", "laboratory lengths")
+    aperture: float = slider(50_000.0, "aperture, µm", 5e3, 7e3, 1e4, 1.5e4, 2e4, 3e4, 5e4, 7e4, 1e5)
+    object: str = slider(
+        "Glyphs", "object", *(each.__name__ for each in (Glyphs, Points, Bars, Strokes, Polygons, Blobs, Silhouettes)),
+    )
+    extent: float = slider(0.1, "width of the object, mrad", 0.02, 0.03, 0.04, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3)
+    iris: float = slider(5.0, "iris on the medium, mm", 0.5, 0.7, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0)
+    object_distance: float = slider(200.0, "object to medium, mm", 50.0, 100.0, 200.0, 300.0, 500.0, 1000.0)
+    object_width: float = slider(0.3, "width of the object, mm", 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 2.0)
+    camera_distance: float = slider(100.0, "medium to camera, mm", 20.0, 50.0, 100.0, 150.0, 200.0, 300.0, 500.0)
+    pixel: float = slider(5.0, "pixel of the camera, µm", 2.0, 3.45, 5.0, 6.5, 11.0)
+    camera: int = slider(192, "camera, pixels a side", 64, 96, 128, 160, 192, 256)
+    photons: float = slider(0.0, "photons a pixel (0: no noise)", 0.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+    tilt: float = slider(0.1, "tilt, mrad", 0.0, 0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5)
+    lag: float = slider(
+        2.0, "lag, ms", 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0,
+    )
+    focus: float = slider(
+        0.0, "focus of the lens behind the slab, µm",
+        -1000.0, -500.0, -200.0, -100.0, -50.0, 0.0, 50.0, 100.0, 200.0, 500.0, 1000.0,
+    )
+    lens: float = slider(0.02, "aperture of the lens, a sine in the slab", 0.01, 0.015, 0.02, 0.03, 0.04, 0.05)
+    magnification: float = slider(2.0, "magnification, onto pixels of 6.5 µm", 1.0, 2.0, 3.0, 5.0, 10.0, 20.0)
+    analysers: str = slider("linear", "light before two analysers", "linear", "circular")
+    sample: int = slider(0, "which sample", *range(16))
+
+    def replace(self, **changes: Any) -> "State":
+        """Return a state with some controls set otherwise."""
+        return replace(self, **changes)
+
+
+CONTROLS: dict[str, Control] = {each.name: each.metadata["control"] for each in fields(State)}
 """Field of a state to its control."""
 
 
@@ -148,7 +127,7 @@ def state_of(address: Mapping[str, str]) -> State:
 
 def read(address: Mapping[str, str]) -> tuple[State, tuple[str, ...]]:
     """State that an address holds, and a sentence for each word of it that is not shown as it was asked for."""
-    chosen, remarks, begins = {}, [], State()._asdict()
+    chosen, remarks, begins = {}, [], State()
     for name, text in address.items():
         if name not in CONTROLS:
             remarks.append(f"{name}: no control has that name; it is left out. Names are {', '.join(CONTROLS)}.")
@@ -156,11 +135,11 @@ def read(address: Mapping[str, str]) -> tuple[State, tuple[str, ...]]:
         control = CONTROLS[name]
         step, rule = _read(text, control.steps)
         if rule is not None:
-            instead = _written(begins[name] if step is None else step)
+            instead = _written(getattr(begins, name) if step is None else step)
             remarks.append(f"{name} must be {rule}; got {text}. Shown is {instead}.")
         if step is not None:
             chosen[name] = step
-    return State()._replace(**chosen), tuple(remarks)
+    return State(**chosen), tuple(remarks)
 
 
 def _read(text: str, steps: tuple) -> tuple[Any, str | None]:
@@ -186,4 +165,4 @@ def _written(step: Any) -> str:
 def address_of(state: State) -> dict[str, str]:
     """What the address holds of a state: all that is not where it begins."""
     begins = State()
-    return {name: _written(value) for name, value in state._asdict().items() if value != getattr(begins, name)}
+    return {name: _written(value) for name, value in asdict(state).items() if value != getattr(begins, name)}

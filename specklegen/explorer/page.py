@@ -3,7 +3,7 @@
 import html
 import io
 from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -89,6 +89,16 @@ def _said(body: Callable[[State], str], state: State) -> str:
         return f'<p class="sg-refused">{html.escape(str(error))}</p>'
 
 
+def _pictures(*images: tuple[Any, str, str], high: float | None = None) -> str:
+    """Pictures in a row: of each its pixels, its alternative text and what stands below it; white is ``high``."""
+    return drawing.row(*(drawing.picture(drawing.png(each, high=high), name) + below for each, name, below in images))
+
+
+def _high(images: np.ndarray) -> float:
+    """Brightness that is white in all of some images."""
+    return float(np.percentile(images, 99.5))
+
+
 def _camera(state: State) -> str:
     sample = shown.sample(state)
     turned = np.asarray(sample["object"])[::-1, ::-1]
@@ -100,11 +110,10 @@ def _camera(state: State) -> str:
 
 def _tilt(state: State) -> str:
     tilted = shown.tilted(state)
-    high = float(np.percentile(tilted.images, 99.5))
-    before, after = (drawing.png(image, high=high) for image in tilted.images)
-    return drawing.row(
-        drawing.picture(before, "speckle before") + "before",
-        drawing.picture(after, "speckle after") + f"after {state.tilt:g} mrad",
+    before, after = tilted.images
+    return _pictures(
+        (before, "speckle before", "before"), (after, "speckle after", f"after {state.tilt:g} mrad"),
+        high=_high(tilted.images),
     ) + (
         f"<p>One beam, no object. The pattern moves by {tilted.shift:.3g} pixels to the right; "
         f"moved back, it correlates by C<sub>I</sub> = {tilted.correlation:.2f}.</p>"
@@ -113,13 +122,12 @@ def _tilt(state: State) -> str:
 
 def _moved(state: State) -> str:
     moved = shown.moved(state)
-    high = float(np.percentile(moved.images, 99.5))
-    now, then = (drawing.png(image, high=high) for image in moved.images)
+    now, then = moved.images
     half = f"half way to its floor after {moved.fallen:.3g} ms" if np.isfinite(moved.fallen) else "still for ever"
     return (
-        drawing.row(
-            drawing.picture(now, "frame at first") + "at first",
-            drawing.picture(then, "frame after the lag") + f"after {state.lag:g} ms",
+        _pictures(
+            (now, "frame at first", "at first"), (then, "frame after the lag", f"after {state.lag:g} ms"),
+            high=_high(moved.images),
         )
         + drawing.forgetting_svg(moved, state.lag)
         + (
@@ -138,13 +146,13 @@ def _moving(state: State) -> str:
 
 def _analysed(state: State) -> str:
     analysed = shown.analysed(state)
-    pictures = (
-        drawing.picture(drawing.png(image), f"image behind the analyser {name}") + f"{name}: {share:.1%} of the light"
+    images = (
+        (image, f"image behind the analyser {name}", f"{name}: {share:.1%} of the light")
         for image, name, share in zip(analysed.images, recipe.ANALYSERS[state.analysers], analysed.shares, strict=True)
     )
     degree = analysed.shares[0] - analysed.shares[1]
     return (
-        drawing.row(*pictures)
+        _pictures(*images)
         + f"<p>One object in {state.analysers} light, particles of low contrast. What comes out has a degree of "
         f"polarisation of {degree:.2f}; what the second analyser passes was turned on detours, and forgets sooner.</p>"
     )
@@ -152,13 +160,9 @@ def _analysed(state: State) -> str:
 
 def _lens(state: State) -> str:
     focused = shown.focused(state)
-    high = float(np.percentile(focused.images, 99.5))
     labels = "on the face", f"{abs(state.focus):g} µm {'behind' if state.focus > 0 else 'inside'} it"
-    pictures = (
-        drawing.picture(drawing.png(image, high=high), f"image {where}") + where
-        for image, where in zip(focused.images, labels, strict=False)
-    )
-    return drawing.row(*pictures) + (
+    images = ((image, f"image {where}", where) for image, where in zip(focused.images, labels, strict=False))
+    return _pictures(*images, high=_high(focused.images)) + (
         f"<p>A square of {recipe.SPOT:g} µm is lit on the other side. The camera sees {focused.field:.3g} µm, "
         f"in grains of {focused.grain:.3g} µm.</p>"
     )
@@ -166,10 +170,10 @@ def _lens(state: State) -> str:
 
 def _lags(state: State) -> str:
     lags = shown.autocorrelations(state)
-    return drawing.row(
-        drawing.picture(drawing.png(lags.image, high=0.7), "autocorrelation of the image") + "of the image",
-        drawing.picture(drawing.png(lags.object, high=0.7), "autocorrelation of the object") + "of the object",
-    )
+    return _pictures(
+        (lags.image, "autocorrelation of the image", "of the image"),
+        (lags.object, "autocorrelation of the object", "of the object"), high=0.7,
+    )  # fmt: skip
 
 
 def _curve(state: State) -> str:

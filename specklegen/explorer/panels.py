@@ -44,6 +44,13 @@ _POINTS = 121  # of a curve
 SIXTEEN = 16
 
 
+def _drawn(recipe: Any, number: int) -> dict[str, Any]:
+    """Draw a sample of a recipe; what the planner doubts about it is told by :func:`doubts`."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoubtWarning)
+        return recipe.sample(SEED, SPLIT, number)
+
+
 def _of_images(make: Callable[[State], Any]) -> Callable[[State], Any]:
     """Keep the last four results of what depends on the hidden object's image, whatever else is set."""
     kept = lru_cache(maxsize=4)(make)
@@ -53,9 +60,7 @@ def _of_images(make: Callable[[State], Any]) -> Callable[[State], Any]:
 @_of_images
 def sample(state: State) -> dict[str, Any]:
     """Hidden object, camera image and parameters: sample ``state.sample`` of the recipe."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoubtWarning)  # told by doubts()
-        return recipe_of(state).sample(SEED, SPLIT, state.sample)
+    return _drawn(recipe_of(state), state.sample)
 
 
 def doubts(state: State) -> tuple[str, ...]:
@@ -88,9 +93,7 @@ class Tilted(NamedTuple):
 def tilted(state: State) -> Tilted:
     """Speckle under tilt."""
     recipe = tilts_of(state)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoubtWarning)
-        drawn = recipe.sample(SEED, SPLIT, state.sample)
+    drawn = _drawn(recipe, state.sample)
     sine = float(np.sin(drawn["tilts"][1, 0]))
     return Tilted(np.asarray(drawn["stack"]), sine / recipe.geometry.grid.pitch, float(c_i(state, np.array([sine]))[0]))
 
@@ -126,10 +129,7 @@ def moved(state: State) -> Moved:
     """A film of two frames, of spheres in water (:data:`specklegen.explorer.recipe.SPHERES`), or of a glass that glides
     (:data:`specklegen.explorer.recipe.GLIDE`).
     """
-    recipe = motion_of(state)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoubtWarning)
-        frames = recipe.sample(SEED, SPLIT, state.sample)["frames"]
+    frames = _drawn(motion_of(state), state.sample)["frames"]
     forgets, half = (_glided if of_glass(state) else _wandered)(state)
     lags = np.linspace(0, max(3 * half, 1.2 * state.lag), _POINTS)
     at = float(forgets(np.array([state.lag]))[0])
@@ -179,13 +179,9 @@ class Analysed(NamedTuple):
 @lru_cache(maxsize=4)
 def analysed(state: State) -> Analysed:
     """Two images of one object by the projector model, of a kernel of its own behind each analyser."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoubtWarning)
-        drawn = analysed_of(state).sample(SEED, SPLIT, state.sample)
-    parameters = drawn["parameters"]
-    return Analysed(
-        np.asarray(drawn["stack"]), (float(parameters["analyser_share_0"]), float(parameters["analyser_share_1"]))
-    )
+    drawn = _drawn(analysed_of(state), state.sample)
+    first, second = (float(drawn["parameters"][f"analyser_share_{n}"]) for n in (0, 1))
+    return Analysed(np.asarray(drawn["stack"]), (first, second))
 
 
 class Focused(NamedTuple):
@@ -209,10 +205,7 @@ class Focused(NamedTuple):
 @lru_cache(maxsize=4)
 def focused(state: State) -> Focused:
     """The slab's exit, where :data:`specklegen.explorer.recipe.SPOT` of its entrance is lit, through a lens."""
-    recipe = lens_of(state)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoubtWarning)
-        images = recipe.sample(SEED, SPLIT, state.sample)["stack"]
+    images = _drawn(lens_of(state), state.sample)["stack"]
     grain = state.wavelength / (2 * state.lens)
     return Focused(np.asarray(images), state.camera * PIXEL / state.magnification, grain)
 

@@ -3,7 +3,7 @@
 import pprint
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomli_w
@@ -180,98 +180,89 @@ def concentration_of(g: float) -> float:
 def _begun(state: State, *names: str) -> State:
     """The state with some sliders where they begin, and what no recipe depends on: the view, the sample's number."""
     begins = State()
-    return state._replace(**{name: getattr(begins, name) for name in (*names, "view", "sample")})
+    return state.replace(**{name: getattr(begins, name) for name in (*names, "view", "sample")})
 
 
 _LENS = "focus", "lens", "magnification"
 _LATER = *_LENS, "analysers"
 
 
+class _View(NamedTuple):
+    """Recipe of a view: its kind, its table, and the sliders that it does not depend on."""
+
+    kind: type
+    table: Callable[[State], dict[str, Any]]
+    without: tuple[str, ...]
+
+
+_HIDDEN = _View(HiddenObject, recipe_table, ("tilt", "lag", *_LATER))
+_TILTS = _View(TiltStack, tilts_table, ("object", "extent", "photons", "lag", *_LATER))
+_MOTION = _View(DynamicSlab, motion_table, ("tilt", *_LATER))
+_ANALYSED = _View(AnalysedObject, analysed_table, ("tilt", "lag", *_LENS))
+_LENSED = _View(LensStack, lens_table, ("aperture", "object", "extent", "photons", "tilt", "lag", "analysers"))
+_VIEWS = dict(zip(CONTROLS["view"].steps, (_HIDDEN, _MOTION, _ANALYSED, _LENSED), strict=True))
+"""View to the recipe of what it shows first."""
+
+
+@lru_cache(maxsize=16)
+def _made(view: _View, state: State) -> Any:
+    return view.kind(**view.table(state))
+
+
+def _recipe(view: _View, state: State) -> Any:
+    return _made(view, _begun(state, *view.without))
+
+
 def imaged(state: State) -> State:
     """The state with every slider where it begins that neither the hidden object nor its image depends on."""
-    return _begun(state, "tilt", "lag", *_LATER)._replace(sample=state.sample)
+    return _begun(state, *_HIDDEN.without).replace(sample=state.sample)
 
 
 def recipe_of(state: State) -> HiddenObject:
     """Recipe of the hidden object."""
-    return _hidden(_begun(imaged(state)))
+    return _recipe(_HIDDEN, state)
 
 
 def tilts_of(state: State) -> TiltStack:
     """Recipe of the two tilts."""
-    return _tilts(_begun(state, "object", "extent", "photons", "lag", *_LATER))
+    return _recipe(_TILTS, state)
 
 
 def motion_of(state: State) -> DynamicSlab:
     """Recipe of the two frames."""
-    return _motion(_begun(state, "tilt", *_LATER))
+    return _recipe(_MOTION, state)
 
 
 def lens_of(state: State) -> LensStack:
     """Recipe of the spot through a lens; a ToldError for a ground glass."""
-    if of_glass(state):
-        reject("medium", "a slab or layers, before a lens", state.medium, "A lens before a screen is not simulated.")
-    return _lens(_begun(state, "aperture", "object", "extent", "photons", "tilt", "lag", "analysers"))
+    return shown_of(state.replace(view="a lens"))
 
 
 def analysed_of(state: State) -> AnalysedObject:
     """Recipe of the hidden object behind two analysers; a ToldError for what is no slab."""
-    if state.medium != "slab":
-        reject("medium", "a slab, in polarised light", state.medium, "Thin screens keep polarisation as it is."
-               if of_glass(state) else "Polarised layers are not simulated by recipes.")  # fmt: skip
-    return _analysed(_begun(state, "tilt", "lag", *_LENS))
-
-
-@lru_cache(maxsize=16)
-def _analysed(state: State) -> AnalysedObject:
-    return AnalysedObject(**analysed_table(state))
-
-
-@lru_cache(maxsize=16)
-def _hidden(state: State) -> HiddenObject:
-    return HiddenObject(**recipe_table(state))
-
-
-@lru_cache(maxsize=16)
-def _tilts(state: State) -> TiltStack:
-    return TiltStack(**tilts_table(state))
-
-
-@lru_cache(maxsize=16)
-def _motion(state: State) -> DynamicSlab:
-    return DynamicSlab(**motion_table(state))
-
-
-@lru_cache(maxsize=16)
-def _lens(state: State) -> LensStack:
-    return LensStack(**lens_table(state))
-
-
-_SHOWN: dict[str, tuple[Callable[[State], dict[str, Any]], Callable[[State], Any]]] = dict(
-    zip(
-        CONTROLS["view"].steps,
-        [(recipe_table, recipe_of), (motion_table, motion_of), (analysed_table, analysed_of), (lens_table, lens_of)],
-        strict=True,
-    )
-)
-"""View to the table and the recipe of what it shows first."""
+    return shown_of(state.replace(view="polarisation"))
 
 
 def shown_of(state: State) -> Any:
     """Recipe of what the view shows; a ToldError where the medium has none."""
-    return _SHOWN[state.view][1](state)
+    if state.view == "a lens" and of_glass(state):
+        reject("medium", "a slab or layers, before a lens", state.medium, "A lens before a screen is not simulated.")
+    if state.view == "polarisation" and state.medium != "slab":
+        reject("medium", "a slab, in polarised light", state.medium, "Thin screens keep polarisation as it is."
+               if of_glass(state) else "Polarised layers are not simulated by recipes.")  # fmt: skip
+    return _recipe(_VIEWS[state.view], state)
 
 
 def toml(state: State) -> str:
     """TOML file of the recipe of the view; a ToldError where the medium has none."""
     shown_of(state)
-    return tomli_w.dumps(_SHOWN[state.view][0](state))
+    return tomli_w.dumps(_VIEWS[state.view].table(state))
 
 
 def python(state: State) -> str:
     """Python that makes the recipe of the view, and the sample that is shown; a ToldError likewise."""
     kind = type(shown_of(state))
-    table = pprint.pformat(_SHOWN[state.view][0](state), width=100, sort_dicts=False)
+    table = pprint.pformat(_VIEWS[state.view].table(state), width=100, sort_dicts=False)
     return (
         f"from {kind.__module__} import {kind.__name__}\n\n"
         f"recipe = {kind.__name__}(**{table})\n"

@@ -120,7 +120,7 @@ def test_sliders_move_and_what_is_taken_along_renders_what_is_shown(address, tmp
             page.key(key)
             steps = CONTROLS[name].steps
             step = steps[steps.index(getattr(begun, name)) + (1 if key == "ArrowRight" else -1)]
-            begun = begun._replace(**{name: step})
+            begun = begun.replace(**{name: step})
             settle(page, begun)
         assert begun == State(camera=64, thickness=1000.0, extent=0.07, photons=3.0)
         assert dict(re.findall(r"(\w+)=([\w.]+)", page.value("location.search"))) == address_of(begun)

@@ -38,7 +38,7 @@ def states(begin=BEGIN, names=None):
     for name in shown(begin) if names is None else names:
         for step in {CONTROLS[name].steps[0], CONTROLS[name].steps[-1]} - {getattr(begin, name)}:
             if name not in ("view", "medium", "setup"):
-                yield begin._replace(**{name: step})
+                yield begin.replace(**{name: step})
 
 
 def possible(state):
@@ -75,7 +75,7 @@ def test_every_physical_control_that_is_shown_changes_the_recipe(begin):
     assert len(set(tables)) == len(tables) - unmade
     hidden = set(CONTROLS) - set(shown(begin))
     for name in hidden:  # and one that is not shown changes nothing
-        other = begin._replace(**{name: next(s for s in CONTROLS[name].steps if s != getattr(begin, name))})
+        other = begin.replace(**{name: next(s for s in CONTROLS[name].steps if s != getattr(begin, name))})
         assert recipe.recipe_table(other) == recipe.recipe_table(begin)
 
 
@@ -84,8 +84,8 @@ def test_every_physical_control_that_is_shown_changes_the_recipe(begin):
     [
         State(camera=64, sample=3),
         State(camera=64, photons=30.0, lobe="VonMisesFisher"),
-        GLASS._replace(camera=64, sample=1, gap=500.0),
-        LAB._replace(camera=64, refractive_index=1.4),
+        GLASS.replace(camera=64, sample=1, gap=500.0),
+        LAB.replace(camera=64, refractive_index=1.4),
     ],
 )
 def test_what_is_taken_along_renders_what_is_shown(state, tmp_path):
@@ -133,7 +133,7 @@ def test_frames_forget_as_the_curve_says():
     few = State(camera=64, extent=0.02)  # so small an object that its speckle is that of one beam
     measured = []
     for lag in (2.0, 100.0):
-        frames = [panels.moved(few._replace(lag=lag, sample=n)) for n in range(12)]
+        frames = [panels.moved(few.replace(lag=lag, sample=n)) for n in range(12)]
         alike = np.array([np.corrcoef(each.images.reshape(2, -1))[0, 1] for each in frames])
         measured.append((alike.mean(), frames[0].correlation, alike.std(ddof=1) / np.sqrt(12)))
     assert_z(*np.transpose(measured), degrees=11, slack=0.02)  # of an image's own mean and a wide beam's
@@ -163,7 +163,7 @@ def test_glass_remembers_as_its_lobe_says():
     np.testing.assert_allclose(lone.c_i, 1.0, atol=1e-9)
     assert "stroke-dasharray" not in drawing.curve_svg(lone)  # no range to mark
     assert "nan" not in drawing.curve_svg(lone)
-    curve = panels.memory_curve(GLASS._replace(gap=1000.0))
+    curve = panels.memory_curve(GLASS.replace(gap=1000.0))
     angle = sg.GroundGlass(grit=220).screen.rms_angle(0.5)
     sines = np.sin(1e-3 * curve.angles)
     np.testing.assert_allclose(curve.c_i, np.exp(-np.square(2 * np.pi / 0.5 * angle * 1000.0 * sines) / 2), atol=0.01)
@@ -172,24 +172,24 @@ def test_glass_remembers_as_its_lobe_says():
 
 def test_a_glass_that_glides_forgets_as_it_says():
     """A lone one keeps its pattern while it stays in the light; the first of two does not."""
-    lone, pair = (panels.moved(GLASS._replace(camera=64, gap=gap, lag=2.0)) for gap in (0.0, 1000.0))
+    lone, pair = (panels.moved(GLASS.replace(camera=64, gap=gap, lag=2.0)) for gap in (0.0, 1000.0))
     assert lone.correlation > 0.999
     assert np.corrcoef(lone.images.reshape(2, -1))[0, 1] > 0.99
     assert pair.correlation < 0.9
     assert np.interp(pair.fallen, pair.lags, pair.intensity) == pytest.approx(0.5, abs=0.02)
-    assert "A lone glass keeps its pattern" in page._moved(GLASS._replace(camera=64))
+    assert "A lone glass keeps its pattern" in page._moved(GLASS.replace(camera=64))
 
 
 def test_a_laboratory_is_what_its_lengths_say():
     """Angles in the medium are those of the file's own; and what it cannot do is said."""
-    state = LAB._replace(refractive_index=1.4, object_width=0.5, object_distance=100.0, camera=128)
+    state = LAB.replace(refractive_index=1.4, object_width=0.5, object_distance=100.0, camera=128)
     lab = recipe.recipe_of(state).lab
     assert lab.medium_wavelength == pytest.approx(0.5)
     assert lab.object_extent / lab.object_distance == pytest.approx(5e-3)
     assert np.sin(1e-3 * recipe.extent_of(state)) == pytest.approx(5e-3 / 1.4)
     assert panels.memory_curve(state).extent == recipe.extent_of(state)
     assert recipe.extent_of(BEGIN) == BEGIN.extent
-    assert "LabSetup.pixel_pitch must be at most" in page.panels(LAB._replace(pixel=11.0, camera=64))
+    assert "LabSetup.pixel_pitch must be at most" in page.panels(LAB.replace(pixel=11.0, camera=64))
 
 
 def test_panels_come_one_by_one_and_old_ones_are_grey_until_then(monkeypatch):
@@ -200,11 +200,11 @@ def test_panels_come_one_by_one_and_old_ones_are_grey_until_then(monkeypatch):
     )
     monkeypatch.setattr(page, "_PANELS", made)
     kept = {}
-    first = list(page.coming(BEGIN._replace(sample=3), kept))
+    first = list(page.coming(BEGIN.replace(sample=3), kept))
     assert [text.count("of 3") for text in first] == [1, 2, 3]
     assert [text.count("sg-late") for text in first] == [2, 1, 0]
-    assert first[-1] == page.panels(BEGIN._replace(sample=3))
-    second = list(page.coming(BEGIN._replace(sample=4), kept))
+    assert first[-1] == page.panels(BEGIN.replace(sample=3))
+    second = list(page.coming(BEGIN.replace(sample=4), kept))
     assert [text.count("of 4") for text in second] == [1, 2, 3]
     assert [text.count("of 3") for text in second] == [2, 1, 0]
     assert re.search(r'class="sg-late">Verdict of 3<', second[0])
@@ -212,7 +212,7 @@ def test_panels_come_one_by_one_and_old_ones_are_grey_until_then(monkeypatch):
 
 @pytest.mark.parametrize("state", [GLASS, LAYERS])
 def test_what_a_medium_has_not_is_said_in_its_panel(state):
-    state = state._replace(camera=64)
+    state = state.replace(camera=64)
     text = page._said(page._analysed, state)
     assert "medium must be a slab, in polarised light" in text
     if state.medium == "ground glass":
@@ -250,23 +250,23 @@ def test_each_view_hands_out_the_recipe_of_what_it_shows(view, tmp_path):
     assert taken == made["recipe"] == recipe.shown_of(state)
     kinds = {"HiddenObject", "DynamicSlab", "AnalysedObject", "LensStack"}
     assert type(taken).__name__ in kinds
-    assert len({type(recipe.shown_of(state._replace(view=each))) for each in VIEWS}) == len(kinds)
+    assert len({type(recipe.shown_of(state.replace(view=each))) for each in VIEWS}) == len(kinds)
 
 
 def test_what_the_image_does_not_depend_on_makes_it_anew_never(monkeypatch):
     """A tilt, a lag and a view leave the image, phase retrieval and the verdict as they are."""
     state = State(camera=64, sample=2)
     kept = panels.sample(state), panels.retrieved(state), panels.verdict(state)
-    for other in (state._replace(tilt=0.5), state._replace(lag=10.0), state._replace(view="motion")):
+    for other in (state.replace(tilt=0.5), state.replace(lag=10.0), state.replace(view="motion")):
         assert panels.sample(other) is kept[0]
         assert panels.retrieved(other) is kept[1]
         assert panels.verdict(other) is kept[2]
-    assert panels.sample(state._replace(sample=3)) is not kept[0]
+    assert panels.sample(state.replace(sample=3)) is not kept[0]
 
 
 def test_layers_move():
     """The film is of the object behind layers, and forgets."""
-    found = panels.moved(LAYERS._replace(camera=64))
+    found = panels.moved(LAYERS.replace(camera=64))
     assert found.images.shape == (2, 64, 64)
     assert 0 < found.correlation < 1
     assert np.interp(found.fallen, found.lags, found.intensity) == pytest.approx(0.5, abs=0.05)
@@ -280,7 +280,7 @@ def test_what_an_address_asked_for_in_vain_stands_at_the_head():
 def test_analysers_show_the_file_that_is_taken_along(tmp_path):
     """Both images and their shares, in linear and in circular light, through faces too."""
     begun = State(view="polarisation", camera=64, thickness=500.0)
-    for state in (begun, begun._replace(analysers="circular", refractive_index=1.33)):
+    for state in (begun, begun.replace(analysers="circular", refractive_index=1.33)):
         (tmp_path / "analysed.toml").write_text(recipe.toml(state))
         found = panels.analysed(state)
         sample = load_recipe(tmp_path / "analysed.toml").sample(1, "test", 0)
@@ -301,16 +301,16 @@ def test_what_the_lens_shows_is_the_file_that_is_taken_along(tmp_path):
     np.testing.assert_array_equal(found.images, load_recipe(tmp_path / "lens.toml").sample(1, "test", 0)["stack"])
     assert found.images.shape == (2, 64, 64)
     for name, step in (("focus", -100.0), ("lens", 0.01), ("magnification", 3.0)):
-        other = panels.focused(THIN._replace(**{name: step}))
+        other = panels.focused(THIN.replace(**{name: step}))
         assert not np.allclose(other.images[1], found.images[1], rtol=0.05), name
-    on_face = panels.focused(THIN._replace(focus=0.0)).images  # one plane
+    on_face = panels.focused(THIN.replace(focus=0.0)).images  # one plane
     assert on_face.shape == (1, 64, 64)
 
 
 def test_a_plane_is_as_large_as_pixels_over_magnification():
     """The pitch of the engine's camera, half of it at twice the magnification."""
     for magnification, pitch in ((2.0, 3.25), (5.0, 1.3)):
-        state = THIN._replace(magnification=magnification)
+        state = THIN.replace(magnification=magnification)
         made = recipe.lens_of(state)
         lens = made.lenses(made.material.extremes()[0], np.zeros(1))[0]
         assert lens.camera.pitch == pytest.approx(pitch)
@@ -319,10 +319,10 @@ def test_a_plane_is_as_large_as_pixels_over_magnification():
 
 
 def test_pixels_larger_than_half_a_grain_are_refused_in_their_panel():
-    text = page.panels(THIN._replace(magnification=1.0))
+    text = page.panels(THIN.replace(magnification=1.0))
     assert "CameraGrid.pixels_per_grain must be at least 2" in text
     assert text.count("sg-refused") == 3  # and where its recipe would stand
-    assert page.files(THIN._replace(magnification=1.0)) == []
+    assert page.files(THIN.replace(magnification=1.0)) == []
     assert "200 µm behind it" in page.panels(THIN)
 
 
