@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from specklegen.core.errors import reject
-from specklegen.core.parallel import Threads, map_blocks
+from specklegen.core.parallel import Threads
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.kernels import refracting_walk, walk
 from specklegen.kernels.legs import AMOUNT, DECAY, Starts
 from specklegen.kernels.refracting_walk import Particles
 from specklegen.kernels.refraction import Stack
 from specklegen.kernels.slab_steps import Address, Light
-from specklegen.paths.bank import BLOCK, PathBank, concatenate
+from specklegen.paths.bank import PathBank
+from specklegen.paths.blocks import trace_blocks
 from specklegen.paths.phase_tables import phase_table
 from specklegen.paths.steps import optics
 from specklegen.paths.volumes import materials, volume_of
@@ -61,26 +62,12 @@ def trace_layers_that_refract(
     beam = Light(ix, iy, iz, proposal.footprint, proposal.extent, proposal.radius)
     rules = walk.Rules(int(proposal.bidirectional), proposal.threshold, min(proposal.max_order, MOST_ORDERS))
 
-    def block(start: int) -> PathBank:
-        size = min(BLOCK, first + count - start)
-        room = 8 * size
-        while True:
-            records, numbers = np.empty((room, walk.RECORD)), np.empty((room, 2), np.int16)
-            orders, types = np.empty(room, np.int32), np.empty((room, 2), np.int32)
-            paths, ranks = np.empty(room, np.int64), np.empty(room, np.int64)
-            connections, events, unfinished, unfinished_weight = refracting_walk.trace_refracting(
-                where, (start, size), stack, particles, table, starts, beam, views, rules,
-                walk.Found(records, orders, paths, numbers, ranks), types,
-            )  # fmt: skip
-            if connections <= room:
-                break
-            room = connections
-        records, orders, paths, types, numbers = (
-            a.take(ranks[:connections], axis=0) for a in (records, orders, paths, types, numbers)
+    def run(part: tuple[int, int], found: walk.Found, types: np.ndarray, jones: None):
+        return refracting_walk.trace_refracting(
+            where, part, stack, particles, table, starts, beam, views, rules, found, types
         )
-        return PathBank(records, orders, paths, types, numbers, size, events, unfinished, unfinished_weight)
 
-    return concatenate(map_blocks(block, range(first, first + count, BLOCK), threads), threads)
+    return trace_blocks(run, first, count, capacity=8, columns=walk.RECORD, threads=threads, bounces=np.int16)
 
 
 def starts_along(ways: Ways, reference: np.ndarray) -> Starts:

@@ -6,19 +6,20 @@ Phases are not drawn here: a bank serves every tilt, every view and every realiz
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from specklegen.core.errors import reject
-from specklegen.core.parallel import Threads, map_blocks
+from specklegen.core.parallel import Threads
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.kernels import walk
-from specklegen.kernels.jones import CARRIED, ENTRIES, STEP, Jones
+from specklegen.kernels.jones import Jones
 from specklegen.kernels.reflections import Faces
 from specklegen.kernels.slab_steps import Address, FlowingLayer, Light
 from specklegen.paths import faces
-from specklegen.paths.bank import BLOCK, PathBank, columns_of, concatenate, empty_bank
+from specklegen.paths.bank import PathBank, columns_of, empty_bank
+from specklegen.paths.blocks import trace_blocks
 from specklegen.paths.jones import ends_of, unfolded_matrices, walk_matrices
 from specklegen.paths.layered_tracer import trace_layers
 from specklegen.paths.layout import Layout
@@ -113,35 +114,21 @@ def trace(
     light = Light(ix, iy, iz, proposal.footprint, proposal.extent, proposal.radius)
     rules = walk.Rules(int(proposal.bidirectional), proposal.threshold, proposal.max_order)
 
-    def block(start: int) -> PathBank:
-        size = min(BLOCK, first + count - start)
-        capacity = 8 * size if proposal.threshold else int(size * (4 + 2 * foretold))
-        while True:
-            records, bounces = np.empty((capacity, columns)), np.zeros((capacity, 2), np.int8)
-            orders = np.empty(capacity, np.int32)
-            paths, ranks = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
-            output = walk.Found(records, orders, paths, bounces, ranks)
-            jones = None
-            if ends is not None:
-                room = np.empty((2, CARRIED)), np.empty(STEP), np.zeros((capacity, ENTRIES))
-                jones = Jones(walk_matrices(ends), *room)
-            connections, events, unfinished, unfinished_weight = walk.trace_slab(
-                where, (start, size), layer, *walk_lobes(slab.scatterer), stretch, mirrors, light, probes, rules,
-                output, jones,
-            )  # fmt: skip
-            if connections <= capacity:
-                break
-            capacity = connections
-        records, bounces, orders, paths = (
-            a.take(ranks[:connections], axis=0) for a in (records, bounces, orders, paths)
+    def run(part: tuple[int, int], found: walk.Found, types: np.ndarray, jones: Jones | None):
+        return walk.trace_slab(
+            where, part, layer, *walk_lobes(slab.scatterer), stretch, mirrors, light, probes, rules, found, jones
         )
-        types = _types(shares, seed, sample, orders, paths)
-        turned = jones and jones.found.take(ranks[:connections], axis=0).view(np.complex128).reshape(-1, 2, 2)
-        if turned is not None and mirrors is not None:
-            turned = unfolded_matrices(turned, bounces)
-        return PathBank(records, orders, paths, types, bounces, size, events, unfinished, unfinished_weight, turned)
 
-    return concatenate(map_blocks(block, range(first, first + count, BLOCK), threads), threads)
+    def finish(bank: PathBank) -> PathBank:
+        turned = bank.jones
+        if turned is not None and mirrors is not None:
+            turned = unfolded_matrices(turned, bank.bounces)
+        return replace(bank, types=_types(shares, seed, sample, bank.orders, bank.paths), jones=turned)
+
+    return trace_blocks(
+        run, first, count, capacity=8 if proposal.threshold else 4 + 2 * foretold, columns=columns, threads=threads,
+        matrices=None if ends is None else walk_matrices(ends), finish=finish,
+    )  # fmt: skip
 
 
 def _types(shares: np.ndarray, seed: Seed, sample: int, orders: np.ndarray, paths: np.ndarray) -> np.ndarray:

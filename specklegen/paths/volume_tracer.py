@@ -4,17 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from specklegen.core.parallel import Threads, map_blocks
+from specklegen.core.parallel import Threads
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.kernels import volume_walk, walk
-from specklegen.kernels.jones import CARRIED, ENTRIES, STEP, Jones
+from specklegen.kernels.jones import Jones
 from specklegen.kernels.lobes import Lobe
 from specklegen.kernels.phase_table import PhaseTable
 from specklegen.kernels.slab_steps import Address
 from specklegen.kernels.sources import Sources
 from specklegen.kernels.volume import Volume
 from specklegen.kernels.volume_walk import Probes
-from specklegen.paths.bank import BLOCK, PathBank, columns_of, concatenate, empty_bank
+from specklegen.paths.bank import PathBank, columns_of
+from specklegen.paths.blocks import trace_blocks
 from specklegen.paths.endpoints import probes
 from specklegen.paths.layout import Layout
 from specklegen.paths.phase_tables import closed_lobe
@@ -100,30 +101,11 @@ def traced(
     if transfer and not len(volume.mobility):  # at rest
         volume = volume._replace(mobility=np.zeros(len(volume.extinction)))
 
-    columns = columns_of(transfer, collects_flow(volume))
-
-    def block(start: int) -> PathBank:
-        size = min(BLOCK, first + count - start)
-        room = int(capacity * size) + 1
-        while True:
-            records, bounces = np.empty((room, columns)), np.zeros((room, 2), np.int8)
-            orders, types = np.empty(room, np.int32), np.empty((room, 2), np.int32)
-            paths, ranks = np.empty(room, np.int64), np.empty(room, np.int64)
-            jones = None
-            if matrices is not None:
-                jones = Jones(matrices, np.empty((2, CARRIED)), np.empty(STEP), np.zeros((room, ENTRIES)))
-            connections, events, unfinished, unfinished_weight = volume_walk.trace_volume(
-                where, (start, size), volume, table, lobe is not None, lobe or closed_lobe(0.0), sources, probed, rules,
-                walk.Found(records, orders, paths, bounces, ranks), types, jones,
-            )  # fmt: skip
-            if connections <= room:
-                break
-            room = connections
-        records, orders, paths, types = (a.take(ranks[:connections], axis=0) for a in (records, orders, paths, types))
-        turned = jones and jones.found.take(ranks[:connections], axis=0).view(np.complex128).reshape(-1, 2, 2)
-        return PathBank(
-            records, orders, paths, types, bounces[:connections], size, events, unfinished, unfinished_weight, turned
+    def run(part: tuple[int, int], found: walk.Found, types: np.ndarray, jones: Jones | None):
+        return volume_walk.trace_volume(
+            where, part, volume, table, lobe is not None, lobe or closed_lobe(0.0), sources, probed, rules, found,
+            types, jones,
         )  # fmt: skip
 
-    banks = map_blocks(block, range(first, first + count, BLOCK), threads)
-    return concatenate(banks, threads) if banks else empty_bank(count, columns)
+    columns = columns_of(transfer, collects_flow(volume))
+    return trace_blocks(run, first, count, capacity=capacity, columns=columns, threads=threads, matrices=matrices)

@@ -14,10 +14,10 @@ from zscore import FALSE_ALARM, assert_mean, assert_z
 
 import specklegen as sg
 from specklegen.kernels import footprints
-from specklegen.paths.bank import concatenate
+from specklegen.paths.bank import BLOCK, concatenate
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.proposal import beam_proposal, plane_proposal
-from specklegen.paths.slab_tracer import BLOCK, trace
+from specklegen.paths.slab_tracer import trace
 from specklegen.scene.illumination import reference_direction
 from specklegen.scene.window import Window
 from specklegen.theory.slab import double_to_single, slab_transmission

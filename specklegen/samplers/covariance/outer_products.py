@@ -14,10 +14,9 @@ import numpy as np
 from specklegen.core.parallel import Threads, even_slices, in_turn, map_blocks, one_blas_thread, thread_count
 from specklegen.core.random_streams import Seed, Stream
 from specklegen.core.statistics import BATCHES, tail_factor
-from specklegen.paths.bank import PathBank
+from specklegen.paths.bank import BLOCK, PathBank
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.layout import Layout
-from specklegen.paths.slab_tracer import BLOCK
 from specklegen.paths.tracer import Tracer
 
 AMPLITUDES = 2**22  # held at a time

@@ -14,9 +14,9 @@ from specklegen.core.errors import reject
 from specklegen.core.nanoseconds import Cost
 from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import BATCHES
+from specklegen.paths.bank import BLOCK
 from specklegen.paths.far_field import far_field_decision
 from specklegen.paths.pilot import Pilot, volume_pilot
-from specklegen.paths.slab_tracer import BLOCK
 from specklegen.samplers.covariance.cost import (
     MOST_PAIRS,
     covariance_operations,

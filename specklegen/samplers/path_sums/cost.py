@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from specklegen.core.nanoseconds import seconds
+from specklegen.paths.bank import BLOCK
 from specklegen.paths.chunks import CONNECTIONS, Chunks
 from specklegen.paths.pilot import Pilot
-from specklegen.paths.slab_tracer import BLOCK
 from specklegen.samplers.path_sums.direct import FIELD_ELEMENTS, VIEWS_AT_ONCE
 from specklegen.samplers.path_sums.nufft import TILTS_AT_ONCE, NufftPlan
 from specklegen.samplers.path_sums.tiling import MOST_VIEWS, coarsest
