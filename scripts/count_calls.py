@@ -96,7 +96,7 @@ def jobs() -> dict[str, Callable[[], object]]:
     readme, recipe, numbers, thicknesses = scene(), load_recipe("unknown-slab"), count(1), count(1100, 100)
 
     def plan_anew() -> object:
-        with mock.patch.dict(os.environ, {"SPECKLEGEN_PILOTS": "anew"}):
+        with mock.patch.dict(os.environ, {"SPECKLEGEN_CACHE": "kernels:"}):
             return sg.plan(scene(float(next(thicknesses))))
 
     return {

@@ -12,7 +12,7 @@ and prints them. One thread, about three minutes.
 import os
 
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
-os.environ["SPECKLEGEN_PILOTS"] = "anew"  # what another run has found would be read, not planned
+os.environ["SPECKLEGEN_CACHE"] = "kernels:"  # results of another run would be read, not computed
 
 import argparse
 import json

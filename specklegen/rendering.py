@@ -24,7 +24,7 @@ from specklegen.core.parallel import one_blas_thread
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.shielded import shielded
 from specklegen.mean.field import mean_field
-from specklegen.memory_effects.kept import estimated_anew
+from specklegen.memory_effects.cached import estimated_anew
 from specklegen.paths.gaussianity import Gaussianity
 from specklegen.planning.plan import Plan
 from specklegen.planning.planning import Options, planned

@@ -7,5 +7,8 @@ import signal
 # press it want it as in a terminal.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Tests change what pilots are made of, and look at how they are made; those of what is kept of them ask for it.
-os.environ["SPECKLEGEN_PILOTS"] = "anew"
+# Tests change what results are made of, and look at how they are computed: compiled kernels alone are cached. Tests of
+# the cache name a folder for all of it.
+_CACHE = os.environ.get("SPECKLEGEN_CACHE", "")
+if _CACHE != "off":
+    os.environ["SPECKLEGEN_CACHE"] = "kernels:" + _CACHE.removeprefix("kernels:")

@@ -79,18 +79,18 @@ def plan(
 ) -> None:
     """Tell how a recipe's scenes are rendered, which parts are left out, and the cost; with --verbose, why.
 
-    What was answered before is kept, the measured cost too.
+    Answers are cached, the measured cost too.
     """
-    from specklegen.cli.kept_plans import keeping, kept_answer, place_of
+    from specklegen.cli.cached_plans import cached_answer, caching, name_of_answer
     from specklegen.datasets.recipes.overrides import changes_of
     from specklegen.datasets.recipes.recipe_files import changed, recipe_table
 
     words = "verbose" if verbose else "short"
     table = changed(recipe_table(recipe), changes_of(changes or []))
-    place = None if images is not None else place_of(table, samples)
-    answer = None if anew else kept_answer(place)
+    name = None if images is not None else name_of_answer(table, samples)
+    answer = None if anew else cached_answer(name)
     if answer is None:
-        with keeping(place) as answer:
+        with caching(name) as answer:
             loaded = load(recipe, changes, images)
             loaded.fingerprint()  # reads a folder of pictures: what is wrong with it is said before anything else
             answer |= _planned(loaded.plans())

@@ -1,11 +1,9 @@
 """The libraries that decide the last bits of a result, with their versions."""
 
-import hashlib
 import os
 import platform
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 
 from llvmlite.binding import get_host_cpu_name
 
@@ -17,7 +15,7 @@ _version = lru_cache(version)  # reads a file, of a sixth of a megabyte for some
 
 
 def library_versions() -> dict[str, str]:
-    """Version of each library that is installed: kept with what was made, to explain a last bit that differs."""
+    """Version of each library that is installed: stored with what was made, to explain a last bit that differs."""
     versions = {}
     for name in DECIDING:
         try:
@@ -31,19 +29,3 @@ def arithmetic() -> str:
     """What decides last bits beside sources: a home folder may be shared by machines, and outlives libraries."""
     chosen = [os.environ.get(name, "") for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "MKL_CBWR")]
     return f"{sorted(library_versions().items())} {platform.machine()} {get_host_cpu_name()} {chosen}"
-
-
-@lru_cache(maxsize=2)
-def package_digest(*left_out: str) -> str:
-    """SHA-256, in hexadecimal, of every file of this package, of its data too, and of their names.
-
-    Folders of the package that are ``left_out`` do not count.
-    """
-    root, digest = Path(__file__).parents[1], hashlib.sha256()
-    for folder, inner, names in os.walk(root, followlinks=True):  # of a clone: two of its folders are links
-        without = {"__pycache__", *(left_out if Path(folder) == root else ())}
-        inner[:] = sorted(name for name in inner if name not in without)
-        for file in (Path(folder, name) for name in sorted(names)):
-            content = file.read_bytes()
-            digest.update(f"{file.relative_to(root)} {len(content)} ".encode() + content)
-    return digest.hexdigest()

@@ -18,8 +18,8 @@ from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
 from specklegen.core.statistics import batch_sums
 from specklegen.error_time.probes import Probes, only
+from specklegen.memory_effects.cached import estimated_anew
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation
-from specklegen.memory_effects.kept import estimated_anew
 from specklegen.memory_effects.oblique import ObliqueCorrelation
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes

@@ -15,7 +15,7 @@ from specklegen.error_time.estimates import (
     stationary_estimate,
 )
 from specklegen.error_time.probes import Probes
-from specklegen.memory_effects.kept import estimated_anew
+from specklegen.memory_effects.cached import estimated_anew
 from specklegen.planning.planning import plan
 from specklegen.rendering import SpeckleStack, render
 from specklegen.samplers.sampler import AnySampler

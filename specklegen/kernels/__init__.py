@@ -5,18 +5,17 @@ numbers. Every kernel is serial and releases the interpreter lock, so that one p
 (`specklegen.core.parallel`) decides how blocks of work are spread over threads, and a data-loader worker
 can run the same code on one.
 
-Compiled code is kept in the user's cache directory (:mod:`specklegen.kernels.cache`). Where nothing can be kept, the
-kernels compile anew in each process, with a warning.
+Compiled code is cached on disk (:mod:`specklegen.kernels.cache`). Where nothing can be written, the kernels compile
+anew in each process, with a warning.
 """
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from numba import njit
 
 from specklegen.kernels.borrowing import BorrowingCompiler
-from specklegen.kernels.cache import KernelCache, cache_folder
+from specklegen.kernels.cache import KernelCache
 from specklegen.kernels.helpers import Helper
 
 ROOM = 128
@@ -34,20 +33,18 @@ _FOLDED: dict[str, Any] = {"nopython": True, "nogil": True, "forceinline": True,
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel: serial, no interpreter lock, cached under the digest of all that its file imports.
 
-    It borrows its arrays (:mod:`specklegen.kernels.borrowing`), and may return none of them.
+    It borrows its arrays (:mod:`specklegen.kernels.borrowing`), and returns none.
     """
-    return _kept(function, njit(pipeline_class=BorrowingCompiler, **_COMPILED)(function))
+    return _cached(function, njit(pipeline_class=BorrowingCompiler, **_COMPILED)(function))
 
 
 def returning(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel that may return an array that it was given, or a longer one: it counts references."""
-    return _kept(function, njit(**_COMPILED)(function))
+    return _cached(function, njit(**_COMPILED)(function))
 
 
-def _kept(function: Callable[..., Any], compiled: Any) -> Any:
-    """The same, which is read from the cache and kept there."""
-    if cache_folder(Path(function.__code__.co_filename)) is not None:
-        compiled._cache = KernelCache(function)
+def _cached(function: Callable[..., Any], compiled: Any) -> Any:
+    compiled._cache = KernelCache(function)
     return compiled
 
 

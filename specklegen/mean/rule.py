@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from specklegen.core.cached_results import cached_result
 from specklegen.core.decision import Decision
 from specklegen.core.errors import RuleError
-from specklegen.core.kept_results import kept_result
 from specklegen.core.values import remembered
 from specklegen.mean.field import mean_field
 from specklegen.paths.pilot import scene_pilot
@@ -48,7 +48,7 @@ def mean_decision(scene: Scene, mean: bool, tolerance: float, reverse: bool = Fa
 @remembered(64)
 def strongest_mean(scene: Scene) -> float:
     """Return the largest intensity of the nearest tilt's mean field over the views."""
-    return kept_result(float, ("strongest mean", scene), lambda: _strongest_mean(scene))
+    return cached_result(float, ("strongest mean", scene), lambda: _strongest_mean(scene))
 
 
 def _strongest_mean(scene: Scene) -> float:
@@ -88,7 +88,7 @@ def _volume_mean_decision(scene: Scene, tolerance: float, reverse: bool) -> Deci
         return float(np.square(np.abs(mean_field(few_lights(scene, 8), most_nodes=_CHEAP))).max(initial=0.0))
 
     try:
-        strongest = kept_result(float, ("strongest mean in a volume", scene), at_few_lights)
+        strongest = cached_result(float, ("strongest mean in a volume", scene), at_few_lights)
     except RuleError as refused:
         return Decision(_MEAN, False, f"not asked for, and not judged: {refused}")
     return _mean_left_out(strongest / max(scene_pilot(scene, reverse).intensity, 1e-300), tolerance)

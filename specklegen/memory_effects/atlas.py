@@ -15,7 +15,7 @@ per unit area is albedo OD e^-OD rho(0), at r = 0.  scripts/build/make_atlas.py 
 import hashlib
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -23,10 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.core.random_streams import pilot_seed
 from specklegen.core.values import remembered
-from specklegen.memory_effects import cache
-from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
+from specklegen.memory_effects.cached import axial_correlation
+from specklegen.memory_effects.correlation import MemoryEffectCorrelation
 from specklegen.scene.media import PlaneMedium, Slab, as_slab
 from specklegen.scene.scatterers import Scatterer, VonMisesFisher
 
@@ -245,10 +244,10 @@ def atlas_correlation(medium: PlaneMedium, tolerance: float = TOLERANCE) -> Memo
 
 
 def correlation_for(slab: Slab, *, paths: int = 100_000, tolerance: float = TOLERANCE) -> MemoryEffectCorrelation:
-    """K of a slab from where it is cheapest: the atlas, the disk, or ``paths`` new paths.
+    """K of a slab from where it is cheapest: the atlas, or ``paths`` paths, which are cached.
 
-    A function of the material alone: an estimate's seed is the slab in units of its thickness, and the disk returns its
-    bits. ``source`` of the result says which of "atlas", "cache" and "estimate" it was.
+    A function of the material alone: an estimate's seed is the slab in units of its thickness, and the cache returns
+    its bits. ``source`` of the result says whether it is of the "atlas" or an "estimate".
 
     Parameters
     ----------
@@ -260,10 +259,4 @@ def correlation_for(slab: Slab, *, paths: int = 100_000, tolerance: float = TOLE
         Largest error of C_I with which the atlas will do; 0 leaves the atlas out.
     """
     correlation = atlas_correlation(slab, tolerance)
-    if correlation is not None:
-        return correlation
-    seed = pilot_seed(slab.unitless_fingerprint())
-    correlation, there = cache.found(
-        MemoryEffectCorrelation, slab, paths, (), lambda: estimate_correlation(slab, paths, seed)
-    )
-    return replace(correlation, source="cache") if there else correlation
+    return axial_correlation(slab, paths) if correlation is None else correlation

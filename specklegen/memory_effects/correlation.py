@@ -53,8 +53,8 @@ class MemoryEffectCorrelation:
         What to divide the sum of the weights by for the intensity per unit area: the paths behind them.
     single_share : float
         Share of single scattering in the intensity.
-    source : "estimate", "cache", "atlas" or "closed form"
-        Where the kernel comes from: new paths, an earlier estimate on disk, the table of materials.
+    source : "estimate", "atlas" or "closed form"
+        Where the kernel comes from: paths, the table of materials, a formula.
     stated_error : float
         Standard error of C_I at its worst q, where it is not to be had from batches; else NaN.
     """
@@ -65,7 +65,7 @@ class MemoryEffectCorrelation:
     weights: np.ndarray
     paths: int
     single_share: float
-    source: Literal["estimate", "cache", "atlas", "closed form"] = "estimate"
+    source: Literal["estimate", "atlas", "closed form"] = "estimate"
     stated_error: float = float("nan")
 
     def __call__(self, q: np.ndarray | float) -> np.ndarray:

@@ -16,7 +16,7 @@ excess is a fifth to all of this bound for anisotropies from -0.9 to 0.99 and op
 
 import numpy as np
 
-from specklegen.core.kept_results import kept_result
+from specklegen.core.cached_results import cached_result
 from specklegen.core.quadrature import gauss_legendre
 from specklegen.core.values import remembered
 from specklegen.scene.scatterers import Dimensions, Scatterer
@@ -44,7 +44,7 @@ def excess_bound(
         |i + v| of the pair of light and view that is nearest to backscattering, at most 2.
     """
     given = scatterer, dimensions, turns, optical_depth, albedo, distance
-    return kept_result(float, ("reversed paths", *given), lambda: _excess_bound(*given))
+    return cached_result(float, ("reversed paths", *given), lambda: _excess_bound(*given))
 
 
 def _excess_bound(

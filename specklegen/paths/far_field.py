@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from specklegen.core.cached_results import cached_result
 from specklegen.core.decision import Decision
-from specklegen.core.kept_results import kept_result
 from specklegen.core.quadrature import gauss_legendre
 from specklegen.core.values import remembered
 from specklegen.scene.illumination import reference_direction
@@ -72,7 +72,7 @@ def steepest(medium: PlaneMedium, tilts: np.ndarray) -> float:
 def lobe_loss(medium: PlaneMedium, wavelength: float, tilt: float) -> LobeLoss:
     """What endpoint factors lose between two lights a ``tilt`` (radians) apart."""
     scatterer, apart = medium.scatterer, float(f"{abs(tilt):.9g}")
-    loss = 1 - kept_result(float, ("overlap of lobes", scatterer, apart), lambda: overlap(scatterer, apart)) ** 4
+    loss = 1 - cached_result(float, ("overlap of lobes", scatterer, apart), lambda: overlap(scatterer, apart)) ** 4
     turns = 2 * np.pi * medium.mean_free_path / wavelength
     turns *= max(medium.indices, default=medium.faces.inside) / medium.faces.inside
     return LobeLoss(loss, turns * lobe_width(medium.scatterer) ** 2)
@@ -108,7 +108,7 @@ def _quadrature() -> tuple[np.ndarray, np.ndarray]:
 @remembered(64)
 def lobe_width(scatterer: Scatterer) -> float:
     """Tilt in radians at which |A|^2 is 1/2: pi, and more than a lobe has, where it never falls so low."""
-    return kept_result(float, ("width of a lobe", scatterer), lambda: _lobe_width(scatterer))
+    return cached_result(float, ("width of a lobe", scatterer), lambda: _lobe_width(scatterer))
 
 
 def _lobe_width(scatterer: Scatterer) -> float:

@@ -10,8 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from specklegen.core.cached_results import cached_result
 from specklegen.core.decision import Decision
-from specklegen.core.kept_results import kept_result
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank, concatenate
@@ -165,7 +165,7 @@ def pilot_by_walk(scene: Scene, reverse: bool, any_geometry: bool) -> Pilot:
         return replace(pilot_by_walk(scene.at_rest, reverse, any_geometry), tracer=tracer)
     first = FirstPaths(tracer, reverse, pilot_seed(scene.unitless_fingerprint()))
     about = ("pilot", scene, reverse, any_geometry)
-    numbers = kept_result(PilotNumbers, about, lambda: _numbers(scene, first))
+    numbers = cached_result(PilotNumbers, about, lambda: _numbers(scene, first))
     return Pilot(**vars(numbers), tracer=tracer, first=first)
 
 

@@ -5,8 +5,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from specklegen.core.cached_results import cached_result
 from specklegen.core.errors import reject
-from specklegen.core.kept_results import kept_result
 from specklegen.core.parallel import Threads
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
@@ -109,7 +109,7 @@ def _judging(scene: Scene, reverse: bool, turned: bool) -> SlabTracer:
     seed = pilot_seed(scene.unitless_fingerprint())
     about = ("threshold of a slab", scene, reverse, turned)
     return judging(
-        tracer, kept_result(float | None, about, lambda: scene_threshold(tracer, proposal.reference, seed))
+        tracer, cached_result(float | None, about, lambda: scene_threshold(tracer, proposal.reference, seed))
     )
 
 
@@ -141,7 +141,7 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
         ready = with_capacity(tracer if layout.views.near else _spared(volume_roulette(tracer, seed), scene))
         return ready.threshold, ready.capacity
 
-    threshold, capacity = kept_result(tuple[float, float], ("roulette of a volume", scene, reverse), roulette)
+    threshold, capacity = cached_result(tuple[float, float], ("roulette of a volume", scene, reverse), roulette)
     return replace(tracer, threshold=threshold, capacity=capacity)
 
 

@@ -29,8 +29,7 @@ from specklegen.memory_effects.correlation import MemoryEffectCorrelation
 
 
 @pytest.fixture(autouse=True)
-def a_name_that_is_free(monkeypatch, tmp_path):
-    monkeypatch.setattr("specklegen.memory_effects.cache.folder", lambda: tmp_path / "kept")
+def a_name_that_is_free():
     forgotten()
     yield
     forgotten()

@@ -147,11 +147,6 @@ def test_only_the_steps_of_a_generator_are_inside():
             assert torch.get_default_dtype() == torch.float64
 
 
-@pytest.fixture(autouse=True)
-def nothing_kept_on_disk(monkeypatch, tmp_path):
-    monkeypatch.setattr("specklegen.memory_effects.cache.folder", lambda: tmp_path)
-
-
 def sampled(name, index=3):
     forget()
     return quick_recipe(name).sample(0, "train", index)

@@ -46,7 +46,6 @@ from specklegen.datasets.recipes.parts import particles
 from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.shards import DamagedShard, MissingSample
-from specklegen.memory_effects import cache
 from specklegen.paths import pilot, roulette
 from specklegen.samplers.stationary import stationarity
 
@@ -510,7 +509,7 @@ def run(histories, chosen, dependences=()):
     # Planning is two thirds of a history; of few paths it depends on what happens before as much as of many.
     pilot.PILOT_PATHS, roulette.SLAB_PATHS, roulette.SCENE_PATHS = 128, 64, 64
     stationarity.GLANCE_PATHS = stationarity.FIRST_PATHS = stationarity.MOST_PATHS = stationarity.ENVELOPE_PATHS = 64
-    cache.folder = lambda: Path(mkdtemp(prefix="histories-"))
+    os.environ["SPECKLEGEN_CACHE"] = "kernels:"  # nothing of an earlier history
     Histories.truth = Truth()
     try:
         explore(histories, chosen)

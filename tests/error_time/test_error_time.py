@@ -23,7 +23,7 @@ from specklegen.core.errors import RuleError
 from specklegen.error_time import SAMPLERS, Estimate, Probes, compare, crossover, fit_trend, measured, probes_of
 from specklegen.error_time.estimates import connection_amplitudes, paths_estimate, stationary_estimate
 from specklegen.error_time.probes import only
-from specklegen.memory_effects.kept import estimated_anew
+from specklegen.memory_effects.cached import estimated_anew
 from specklegen.paths.layout import scene_layout
 from specklegen.paths.phases import random_phases
 from specklegen.planning.planning import plan

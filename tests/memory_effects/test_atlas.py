@@ -1,19 +1,16 @@
-"""The atlas of memory-effect correlations: a distribution, continuous, right within bounds; and those kept on disk."""
+"""The atlas of memory-effect correlations: a distribution, continuous, right within bounds."""
 
 import hashlib
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 import numpy as np
 import pytest
-from kernel_race import use_and_delete
 from scipy.optimize import brentq
 from scipy.special import j0
 from zscore import assert_z
 
 from specklegen.core.statistics import jackknife
 from specklegen.datasets.recipes.parts.material import Material, known
-from specklegen.memory_effects import atlas, cache
+from specklegen.memory_effects import atlas
 from specklegen.memory_effects.atlas import Errors, atlas_correlation, atlas_errors, correlation_for
 from specklegen.memory_effects.correlation import (
     MemoryEffectCorrelation,
@@ -77,12 +74,6 @@ def wavevectors(kernel: MemoryEffectCorrelation) -> np.ndarray:
     q = np.linspace(0, 60, 241) * min(kernel.half_range(), 1e6) / 4
     high = np.flatnonzero(np.abs(kernel(q) ** 2 - kernel.single_share**2) > 0.01)
     return q[: high[-1] + 2]
-
-
-@pytest.fixture
-def empty_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("SPECKLEGEN_CACHE", str(tmp_path))
-    return tmp_path
 
 
 # The table
@@ -311,56 +302,14 @@ def test_thirty_random_materials(family):
 # From wherever it is cheapest
 
 
-def test_kernel_for_says_where_from(empty_cache):
+def test_a_correlation_says_where_it_is_from():
     inside, outside = slab(4.5, 0.9), slab(0.2, 0.5)
     assert correlation_for(inside).source == "atlas"
-    first = correlation_for(outside, paths=2000)
-    second = correlation_for(outside, paths=2000)
-    assert (first.source, second.source) == ("estimate", "cache")
-    np.testing.assert_array_equal(first.weights, second.weights)
-    np.testing.assert_array_equal(first.radius, second.radius)
-    assert (first.paths, first.single_share) == (second.paths, second.single_share)
     assert correlation_for(outside, paths=3000).source == "estimate"
     assert correlation_for(inside, paths=2000, tolerance=0.0).source == "estimate"
 
 
-def test_damaged_files_are_replaced(empty_cache):
-    medium = slab(0.2, 0.5)
-    right = correlation_for(medium, paths=2000)
-    (file,) = empty_cache.rglob("*.kernel")
-    whole = file.read_bytes()
-    flipped = bytearray(whole)
-    flipped[len(whole) // 2] ^= 1
-    for damaged in (b"", whole[:20], whole[:-1], bytes(flipped), b"x" * 1000):
-        file.write_bytes(damaged)
-        again = correlation_for(medium, paths=2000)
-        assert again.source == "estimate"
-        np.testing.assert_array_equal(again.weights, right.weights)
-        assert file.read_bytes()[:32] == whole[:32]
-
-
-def test_unwritable_folder_costs_an_estimate_only(tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("in the way")
-    monkeypatch.setenv("SPECKLEGEN_CACHE", str(tmp_path / "file"))
-    assert [correlation_for(slab(0.2, 0.5), paths=2000).source for _ in range(2)] == ["estimate", "estimate"]
-
-
-def test_oldest_files_make_room(empty_cache, monkeypatch):
-    monkeypatch.setattr(cache, "LIMIT", 3)
-    for n in range(5):
-        correlation_for(slab(0.2, 0.1 * n), paths=100)
-    assert len(list(empty_cache.rglob("*.kernel"))) == 3
-
-
-def test_processes_at_once(tmp_path):
-    """Two processes write, read and delete one file: every kernel is whole and the same, nothing is left half done."""
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        seen = [line for lines in pool.map(use_and_delete, [str(tmp_path)] * 2) for line in lines]
-    assert len({line.split()[1] for line in seen}) == 1
-    assert not list(tmp_path.rglob("*.partial"))
-
-
-def test_a_material_takes_its_kernel_from_the_atlas(empty_cache):
+def test_a_material_takes_its_kernel_from_the_atlas():
     material = Material(wavelength=0.5, thickness=1000.0, optical_depth=10.0, g=0.9, kernel="atlas")
     (medium,) = material.extremes()
     served, traced = known(medium, 20_000, material.kernel), known(medium, 20_000)
@@ -379,22 +328,3 @@ def test_stated_errors():
     assert (value[0], lost[0], error[0]) == (1.0, 0.0, 0.0)
     assert error[1] == errors.correlation / 2
     assert value[1] == pytest.approx(float(kernel(5.0)) ** 2, abs=1e-12)
-
-
-def test_what_is_kept_is_of_one_kind_of_processor_and_one_set_of_libraries(monkeypatch):
-    """A home folder is shared by machines, and outlives libraries: samples had the last bits of whoever came first."""
-    medium = slab(0.2, 0.5)
-    names = {cache.path_of(medium, 100).name, cache.path_of(medium, 100).name}
-    assert len(names) == 1
-    for place, value in (
-        ("core.libraries.get_host_cpu_name", lambda: "another"),
-        ("core.libraries.library_versions", lambda: {"numba": "0.0"}),
-        ("memory_effects.cache._sources_digest", lambda: "of other sources"),
-    ):
-        with monkeypatch.context() as context:
-            context.setattr(f"specklegen.{place}", value)
-            names.add(cache.path_of(medium, 100).name)
-    with monkeypatch.context() as context:
-        context.setenv("NUMBA_CPU_NAME", "a kind that this process does not run for")
-        names.add(cache.path_of(medium, 100).name)
-    assert len(names) == 5

@@ -9,8 +9,8 @@ from zscore import assert_mean, assert_z
 
 import specklegen as sg
 from specklegen.core.statistics import jackknife
+from specklegen.memory_effects.cached import medium_seed
 from specklegen.memory_effects.correlation import estimate_correlation
-from specklegen.memory_effects.kept import medium_seed
 from specklegen.memory_effects.oblique import estimate_oblique_correlation, face_to_face
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.proposal import beam_proposal

@@ -1,7 +1,7 @@
 """The material of a recipe: a slab whose parameters may be drawn anew for every medium."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import lru_cache
 from typing import Annotated, Literal, Self
@@ -283,8 +283,7 @@ def known(
     An estimate is ``kept`` on disk where it is that of all media, and not of one among many.
     """
     if source == "atlas" or kept:
-        found = correlation_for(slab, paths=paths, tolerance=tolerance if source == "atlas" else 0.0)
-        correlation = replace(found, source="estimate") if found.source == "cache" else found  # the same bits
+        correlation = correlation_for(slab, paths=paths, tolerance=tolerance if source == "atlas" else 0.0)
     else:
         correlation = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
     if not correlation.weights.any():

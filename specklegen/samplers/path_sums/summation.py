@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from specklegen.core.cached_results import cached_result
 from specklegen.core.decision import Decision
-from specklegen.core.kept_results import kept_result
 from specklegen.core.nanoseconds import seconds
 from specklegen.core.parallel import one_blas_thread
 from specklegen.core.values import remembered
@@ -41,7 +41,7 @@ def scene_nufft(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan | No
     low as can be; None where none is possible within the tolerance and cheaper than that.
     """
     about = ("view factors", scene, reverse, tolerance)
-    found = kept_result(_Factors | None, about, lambda: _factors(_cheapest_tiles(scene, reverse, tolerance)))
+    found = cached_result(_Factors | None, about, lambda: _factors(_cheapest_tiles(scene, reverse, tolerance)))
     if found is None:
         return None
     return NufftPlan(Tiling(scene.grid, found.shape), found.multiple, found.single, found.single_share, tolerance)

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
+from specklegen.core.cached_results import cached_result
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.core.kept_results import kept_result
 from specklegen.core.lazy import torch
 from specklegen.core.random_streams import pilot_seed
 from specklegen.core.values import remembered
@@ -120,7 +120,7 @@ class Complete:
 @remembered(64)
 def scene_loss(scene: Scene) -> tuple[float, float]:
     """1 - C_I between the farthest corners of a scene's object, and its standard error: of the atlas, or of a pilot."""
-    return kept_result(tuple[float, float], ("loss over an object", scene), lambda: _scene_loss(scene))
+    return cached_result(tuple[float, float], ("loss over an object", scene), lambda: _scene_loss(scene))
 
 
 def _scene_loss(scene: Scene) -> tuple[float, float]:

@@ -15,9 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from specklegen.core.cached_results import cached_result
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.core.kept_results import kept_result
 from specklegen.core.statistics import batch_sums, jackknife
 from specklegen.core.values import remembered
 from specklegen.memory_effects.curve import small_tilts
@@ -78,7 +78,7 @@ def _beyond_axis(scene: Scene) -> str | None:
 def scene_error(scene: Scene, tolerance: float) -> StationaryError:
     """How far the model is from light along the axis, and its evenness from that of layers without steps."""
     about = ("stationary error of layers", scene, tolerance)
-    return kept_result(StationaryError, about, lambda: _scene_error(scene, tolerance))
+    return cached_result(StationaryError, about, lambda: _scene_error(scene, tolerance))
 
 
 def _scene_error(scene: Scene, tolerance: float) -> StationaryError:

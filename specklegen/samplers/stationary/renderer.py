@@ -15,7 +15,7 @@ from specklegen.core.most_recent import MostRecent
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed, seed_words
 from specklegen.memory_effects.atlas import atlas_correlation
-from specklegen.memory_effects.kept import (
+from specklegen.memory_effects.cached import (
     axial_correlation,
     estimated_under,
     oblique_correlation,

@@ -4,9 +4,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from specklegen.core.cached_results import cached_result
 from specklegen.core.decision import Decision
 from specklegen.core.errors import RuleError, reject
-from specklegen.core.kept_results import kept_result
 from specklegen.core.values import remembered
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.flows import drifted, uneven_turn
@@ -190,7 +190,7 @@ def scene_stationary_error(
     envelope = scene_envelope(scene, oblique) if enveloped else None
     tracer = slab_tracer(scene, False, aside=False)
     most = MOST_PATHS if thorough else FIRST_PATHS
-    return kept_result(
+    return cached_result(
         StationaryError, ("stationary error", scene, tolerance, oblique, enveloped, thorough, glance),
         lambda: stationary_error(
             scene, tracer, tolerance, oblique=oblique, envelope=envelope, most=most, glance=glance
@@ -202,7 +202,7 @@ def scene_stationary_error(
 def scene_envelope(scene: Scene, oblique: bool) -> Envelope | None:
     """The envelope of a scene about the axis, or about the middle of its beams and views."""
     tracer = slab_tracer(scene, False, aside=False)
-    return kept_result(
+    return cached_result(
         Envelope | None, ("envelope", scene, oblique), lambda: pilot_envelope(scene, tracer, oblique=oblique)
     )
 

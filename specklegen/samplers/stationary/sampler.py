@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
+from specklegen.core.cached_results import cached_result
 from specklegen.core.decision import Decision
-from specklegen.core.kept_results import kept_result
 from specklegen.core.nanoseconds import Cost
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.statistics import BATCHES
@@ -220,7 +220,7 @@ class _ImageWork:
 @remembered(16)
 def _expected_image(scene: Scene, complete: bool) -> _ImageWork:
     """What the image of a scene's object takes: its modes are counted with K of the atlas or a pilot, or one."""
-    return kept_result(_ImageWork, ("image of an object", scene, complete), lambda: _image_work(scene, complete))
+    return cached_result(_ImageWork, ("image of an object", scene, complete), lambda: _image_work(scene, complete))
 
 
 def _image_work(scene: Scene, complete: bool) -> _ImageWork:

@@ -11,7 +11,7 @@ from zscore import assert_mean, assert_z
 import specklegen as sg
 from specklegen.mean.field import straight_through
 from specklegen.memory_effects import correlation as correlation_module
-from specklegen.memory_effects.kept import estimated_anew
+from specklegen.memory_effects.cached import estimated_anew
 from specklegen.oracles.layered_walk import BATCHES, walk_layers
 from specklegen.paths.phases import random_phases
 from specklegen.paths.steps import optics, straight_light, unscattered

@@ -1,14 +1,14 @@
-"""The memory effect of a medium is estimated once, for all seeds, processes and units, and kept as it is."""
+"""The memory effect of a medium is estimated once, for all seeds, processes and units, and cached as it is."""
 
 import numpy as np
 import pytest
+from cached import link_kernels
 
 import specklegen as sg
 from specklegen.core.most_recent import MostRecent
-from specklegen.memory_effects import cache, kept
+from specklegen.memory_effects import cached
 from specklegen.memory_effects.atlas import atlas_correlation, atlas_errors
-from specklegen.memory_effects.correlation import estimate_correlation
-from specklegen.memory_effects.kept import (
+from specklegen.memory_effects.cached import (
     axial_correlation,
     estimated_anew,
     medium_seed,
@@ -16,23 +16,24 @@ from specklegen.memory_effects.kept import (
     polarised_correlation,
     polarised_fields,
 )
+from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.samplers.stationary.renderer import PREPARED
 
 PATHS = 3000
 
 
-def forget_kept():
-    kept._KEPT.forget()
+def forget_all():
+    cached._CACHE.forget()
     PREPARED.forget()
 
 
 @pytest.fixture
 def empty_cache(tmp_path, monkeypatch):
-    monkeypatch.setattr(cache, "folder", lambda: tmp_path)
-    forget_kept()
-    yield tmp_path
-    forget_kept()
+    monkeypatch.setenv("SPECKLEGEN_CACHE", str(link_kernels(tmp_path)))
+    forget_all()
+    yield tmp_path / "correlations"
+    forget_all()
 
 
 @pytest.fixture
@@ -76,16 +77,9 @@ def test_seeds_share_one_estimate_and_differ_in_their_noise(empty_cache, traced,
 def test_the_disk_gives_the_same_bits(empty_cache, traced, aside):
     """Of another process, too, which finds the file alone."""
     first = sg.render(scene(aside), paths=PATHS, sampler="stationary").field
-    forget_kept()
+    forget_all()
     np.testing.assert_array_equal(sg.render(scene(aside), paths=PATHS, sampler="stationary").field, first)
     assert len(traced) == 1
-    forget_kept()
-    for file in empty_cache.rglob("*.kernel"):
-        file.write_bytes(file.read_bytes()[:-1])
-    with pytest.warns(UserWarning, match="damaged"):
-        damaged = sg.render(scene(aside), paths=PATHS, sampler="stationary").field
-    np.testing.assert_array_equal(damaged, first)
-    assert len(traced) == 2
 
 
 def test_what_decides_it_has_a_file_of_its_own(empty_cache):
@@ -97,7 +91,7 @@ def test_what_decides_it_has_a_file_of_its_own(empty_cache):
         for transfer in (False, True):
             found = oblique_correlation(slab(), light, view, PATHS, transfer=transfer)
             assert (found.transfer is not None) == transfer
-    assert len(list(empty_cache.rglob("*.kernel"))) == 3 + 6
+    assert len(list(empty_cache.glob("*"))) == 3 + 6
 
 
 def test_it_is_a_property_of_the_medium_in_any_unit(empty_cache):
@@ -147,36 +141,22 @@ def test_anew_is_under_the_seed_that_is_asked_for(empty_cache, traced):
         sg.render(scene(), paths=PATHS, sampler="stationary", seed=3)
         sg.render(scene(), paths=PATHS, sampler="stationary", seed=3)
     assert traced == [(7, PATHS)] * 2
-    assert not list(empty_cache.rglob("*.kernel"))
+    assert not list(empty_cache.glob("*"))
 
 
-def test_polarised_light_is_kept_by_light_and_analyser(empty_cache, traced):
+def test_polarised_light_is_cached_by_light_and_analyser(empty_cache, traced):
     medium = slab(scatterer=sg.Rayleigh(), polarisation="vector")
-    for kept_of in (polarised_fields, polarised_correlation):
-        ends = [np.array([0.0, 0.0, 1.0])] * 2 if kept_of is polarised_fields else []
+    for of in (polarised_fields, polarised_correlation):
+        ends = [np.array([0.0, 0.0, 1.0])] * 2 if of is polarised_fields else []
         for polarisers in (sg.Polarisers.parallel(), sg.Polarisers.crossed()):
-            first = kept_of(medium, polarisers, *ends, PATHS)
-            forget_kept()
-            again = kept_of(medium, polarisers, *ends, PATHS)
+            first = of(medium, polarisers, *ends, PATHS)
+            forget_all()
+            again = of(medium, polarisers, *ends, PATHS)
             np.testing.assert_array_equal(again.weights, first.weights)
-    assert len(traced) == len(list(empty_cache.rglob("*.kernel"))) == 4
+    assert len(traced) == len(list(empty_cache.glob("*"))) == 4
 
 
-def test_large_ones_are_not_kept_on_disk(empty_cache, monkeypatch):
-    monkeypatch.setattr(cache, "MOST_BYTES", 1000)
-    axial_correlation(slab(), PATHS)
-    assert not list(empty_cache.rglob("*.kernel"))
-
-
-def test_files_are_bounded_in_bytes(empty_cache, monkeypatch):
-    monkeypatch.setattr(cache, "LIMIT_BYTES", 1_000_000)
-    for n in range(5):
-        axial_correlation(slab(albedo=1 - 0.01 * n), 100)
-    files = list(empty_cache.rglob("*.kernel"))
-    assert 0 < sum(file.stat().st_size for file in files) <= 1_000_000
-
-
-def test_results_are_kept_by_their_bytes():
+def test_results_are_cached_by_their_bytes():
     store, made = MostRecent(2000), []
 
     def make(n):
@@ -192,8 +172,8 @@ def test_results_are_kept_by_their_bytes():
     assert len(store) == 0
 
 
-def test_scenes_too_large_to_keep_are_let_go(empty_cache, monkeypatch):
+def test_scenes_too_large_to_cache_are_let_go(empty_cache, monkeypatch):
     monkeypatch.setattr(PREPARED, "_most_bytes", 1000)
     sg.render(scene())
     assert len(PREPARED) == 0
-    assert kept.estimated_under() is None
+    assert cached.estimated_under() is None

@@ -1,8 +1,8 @@
 """The memory effect of a medium, estimated once: a property of the medium, and of no run that asks for it.
 
 Its paths walk under a seed of the medium's own, that of the medium in units of its thickness, as pilots do. What they
-say is kept in the process and on disk (:mod:`specklegen.memory_effects.cache`), and is the same to the bit wherever it
-comes from. So all seeds of a render share one estimate, and its error: more paths lower it, more realizations do not.
+say is cached in the process and on disk (:mod:`specklegen.disk_cache`), and is the same to the bit wherever it comes
+from. So all seeds of a render share one estimate, and its error: more paths lower it, more realizations do not.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,9 +12,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from specklegen.core.cached_results import cached_result
 from specklegen.core.most_recent import MostRecent
 from specklegen.core.random_streams import Seed, pilot_seed
-from specklegen.memory_effects import cache
+from specklegen.core.values import read_only
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.memory_effects.oblique import ObliqueCorrelation, estimate_oblique_correlation
 from specklegen.memory_effects.polarised_fields import (
@@ -26,14 +27,14 @@ from specklegen.memory_effects.polarised_fields import (
 from specklegen.scene.media import PlaneMedium
 from specklegen.scene.polarisation import Polarisers
 
-_KEPT: MostRecent[tuple, Any] = MostRecent(2**28)
+_CACHE: MostRecent[tuple, Any] = MostRecent(2**28)
 _ANEW: ContextVar[Seed | None] = ContextVar("anew", default=None)
 Estimate = TypeVar("Estimate")
 
 
 @contextmanager
 def estimated_anew(seed: Seed) -> Iterator[None]:
-    """Estimate all under a seed meanwhile, and keep nothing: for who measures how long it takes, or how far it is off.
+    """Estimate all under a seed meanwhile, and cache nothing: for who measures how long it takes, or how far it is off.
 
     A sequence of seeds is a sequence of independent estimates.
     """
@@ -45,7 +46,7 @@ def estimated_anew(seed: Seed) -> Iterator[None]:
 
 
 def estimated_under() -> Seed | None:
-    """Seed of :func:`estimated_anew`; None where what media are like is kept."""
+    """Seed of :func:`estimated_anew`; None where estimates are cached."""
     return _ANEW.get()
 
 
@@ -56,7 +57,7 @@ def medium_seed(medium: PlaneMedium) -> int:
 
 def axial_correlation(medium: PlaneMedium, paths: int, *, threads: int | None = None) -> MemoryEffectCorrelation:
     """K of a medium along the axis, from ``paths`` paths of its own, traced once."""
-    return _kept(
+    return _cached(
         MemoryEffectCorrelation, medium, paths, (),
         lambda seed: estimate_correlation(medium, paths, seed, threads=threads),
     )  # fmt: skip
@@ -67,7 +68,7 @@ def oblique_correlation(
     threads: int | None = None,
 ) -> ObliqueCorrelation:  # fmt: skip
     """K of a medium about a light and a view float64[3], from ``paths`` paths of its own, traced once."""
-    return _kept(
+    return _cached(
         ObliqueCorrelation, medium, paths, (_written(light), _written(view), transfer),
         lambda seed: estimate_oblique_correlation(
             medium, light, view, paths, seed, transfer=transfer, threads=threads
@@ -80,7 +81,7 @@ def polarised_fields(
     transfer: bool = False, threads: int | None = None,
 ) -> PolarisedFields:  # fmt: skip
     """Both components of the fields of ``paths`` paths about a light and a view float64[3], traced once."""
-    return _kept(
+    return _cached(
         PolarisedFields, medium, paths, (polarisers.fingerprint(), _written(light), _written(view), transfer),
         lambda seed: estimate_polarised_fields(
             medium, polarisers, light, view, paths, seed, transfer=transfer, threads=threads
@@ -92,7 +93,7 @@ def polarised_correlation(
     medium: PlaneMedium, polarisers: Polarisers, paths: int, *, threads: int | None = None
 ) -> PolarisedCorrelation:
     """K of a medium along the axis behind an analyser, from ``paths`` paths of its own, traced once."""
-    return _kept(
+    return _cached(
         PolarisedCorrelation, medium, paths, (polarisers.fingerprint(),),
         lambda seed: estimate_polarised_correlation(medium, polarisers, paths, seed, threads=threads),
     )  # fmt: skip
@@ -102,15 +103,20 @@ def _written(vector: np.ndarray) -> tuple[float, ...]:
     return tuple(vector.tolist())
 
 
-def _kept(
+def _cached(
     kind: type[Estimate], medium: PlaneMedium, paths: int, about: tuple, estimate: Callable[[Seed], Estimate]
 ) -> Estimate:
-    """What is in the process, on disk, or estimated now."""
+    """Return what is in the process, on disk, or estimated now; nobody can write into its arrays."""
     anew = estimated_under()
     if anew is not None:
         return estimate(anew)
+    about = (kind.__name__, medium, paths, *about)
 
-    def found() -> Estimate:
-        return cache.found(kind, medium, paths, about, lambda: estimate(medium_seed(medium)))[0]
+    def compute() -> Estimate:
+        made = estimate(medium_seed(medium))
+        for value in vars(made).values():
+            if isinstance(value, np.ndarray):
+                read_only(value)
+        return made
 
-    return _KEPT.found((kind, medium, paths, about), found)
+    return _CACHE.found(about, lambda: cached_result(kind, about, compute, "correlations"))
