@@ -53,6 +53,8 @@ class Room(NamedTuple):
 
     Attributes
     ----------
+    state : float64[STATE]
+        The beam.
     wide : float64[CONE]
         A cylinder that holds the beam twice.
     marked, memory : int64[KEPT]
@@ -63,6 +65,7 @@ class Room(NamedTuple):
         What is open about a beam, `specklegen.wavetracing.kernels.masked_beams`.
     """
 
+    state: np.ndarray
     wide: np.ndarray
     marked: np.ndarray
     memory: np.ndarray

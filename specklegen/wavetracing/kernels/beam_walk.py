@@ -22,7 +22,6 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.kernels import inlined, kernel, returning
-from specklegen.kernels.borrowing import borrowed
 from specklegen.kernels.rng import normal_pair, uniforms
 from specklegen.wavetracing.kernels import beam_state as beam
 from specklegen.wavetracing.kernels.beam_events import Event, Light, Room, diffract, scatter_diffusely
@@ -197,23 +196,30 @@ def walk_beams(
     `specklegen.wavetracing.kernels`
     materials : float64[M, 4], see `specklegen.wavetracing.kernels.surfaces`
     """
-    k0, k1 = np.uint64(key[0]), np.uint64(key[1])
-    first, count = share
+    most_edges = max(1, facets.loop_ends.shape[0])  # of all holes, or of one facet
+    for f in range(facets.rims.shape[0] - 1):
+        most_edges = max(most_edges, facets.rims[f + 1] - facets.rims[f])
+    marked, memory = np.empty(KEPT, np.int64), np.empty(KEPT, np.int64)
+    fine, mask = np.empty((FINE, WORDS), np.uint64), np.empty((GRID, GRID))
+    room = Room(np.empty(beam.STATE), np.empty(CONE), marked, memory, np.empty((most_edges, 4)), fine, mask)
+    run = np.uint64(key[0]), np.uint64(key[1]), share[0], share[1]
+    _walk(run, rules, source, wavelength, tree, facets, openings, table, materials, receivers, tally, room)
+
+
+@kernel
+def _walk(run, rules, source, wavelength, tree, facets, openings, table, materials, receivers, tally, room):
+    """Walk beams in a workspace, which is borrowed.
+
+    run : two words of the key, first beam, number of beams;  room : Room;  the others as of :func:`walk_beams`
+    """
+    k0, k1, first, count = run
     mode, amplitude, max_events = rules.mode, rules.amplitude, rules.max_events
-    facet, normals, rims, sheet = facets.facet, facets.normals, facets.rims, facets.sheet
+    facet, normals, sheet = facets.facet, facets.normals, facets.sheet
     ends, statistics, areas = tally.ends, tally.statistics, tally.areas
     k = 2.0 * math.pi / wavelength
     least = 81.0 / (4.0 * k * k)
-    most_edges = max(1, facets.loop_ends.shape[0])  # of all holes, or of one facet
-    for f in range(rims.shape[0] - 1):
-        most_edges = max(most_edges, rims[f + 1] - rims[f])
-    own_state = np.empty(beam.STATE)
     candidates, places = np.empty(max(1, table.edges.shape[0]), np.int64), np.empty(256, np.int64)
-    marked, memory = np.empty(KEPT, np.int64), np.empty(KEPT, np.int64)
-    fine, mask = np.empty((FINE, WORDS), np.uint64), np.empty((GRID, GRID))
-    own_room = Room(np.empty(CONE), marked, memory, np.empty((most_edges, 4)), fine, mask)
-    state, room = borrowed(own_state), borrowed(own_room)
-    marked, memory = room.marked, room.memory
+    state, marked, memory = room.state, room.marked, room.memory
     light = Light(k, least)
 
     for n in range(count):
@@ -338,4 +344,3 @@ def walk_beams(
             if fate == REFLECTED:
                 mirror(state, state[beam.PX], state[beam.PY], state[beam.PZ], nx, ny, nz)
         ends[end] += 1
-    own_state[0] = own_room.mask[0, 0]  # they live until here
