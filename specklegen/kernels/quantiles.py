@@ -146,17 +146,6 @@ def _fill_units(key0, key1, first, count, units):
 
 
 @kernel
-def units_of(key0, key1, out):
-    """Fill ``out`` float64[n] with the uniform numbers in (0, 1) of pixels 0, 1, ...; pixel m from block m // 2."""
-    units = np.empty(2 * ROOM)
-    for first in range(0, (len(out) + 1) // 2, ROOM):
-        count = min(ROOM, (len(out) + 1) // 2 - first)
-        _fill_units(np.uint64(key0), np.uint64(key1), first, count, units)
-        for m in range(2 * first, min(2 * (first + count), len(out))):
-            out[m] = units[(m & 1) * ROOM + (m >> 1) - first]
-
-
-@kernel
 def add_poisson(key0, key1, mean, out):
     """Add to ``out`` float64[n] Poisson numbers of the means float64[n], pixel m by the uniform number m of a key."""
     units = np.empty(2 * ROOM)

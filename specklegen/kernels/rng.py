@@ -48,24 +48,6 @@ def uniforms(key0, key1, sample, path, dimension):
     return open_unit(a), open_unit(b), open_unit(c), open_unit(d)
 
 
-@kernel
-def philox_words(key0, key1, counters, out):
-    """Fill ``out`` uint32[n, 4] with the words of the counters uint32[n, 4] (the known-answer test)."""
-    for n in range(counters.shape[0]):
-        a, b, c, d = philox(
-            np.uint64(key0),
-            np.uint64(key1),
-            np.uint64(counters[n, 0]),
-            np.uint64(counters[n, 1]),
-            np.uint64(counters[n, 2]),
-            np.uint64(counters[n, 3]),
-        )
-        out[n, 0] = a
-        out[n, 1] = b
-        out[n, 2] = c
-        out[n, 3] = d
-
-
 @inlined
 def normal_pair(u, v):
     """Two standard normals from two uniforms (Box-Muller)."""
@@ -79,16 +61,16 @@ def fill_normals(key0, key1, sample, out):
     """Fill ``out`` float32/float64[n, 2] with standard normals, pair m from block m // 2."""
     k0, k1, sample = np.uint64(key0), np.uint64(key1), np.uint64(sample)
     pairs = out.shape[0]
-    found = np.empty(4 * ROOM)  # contiguous, or the loop would not vectorise
+    normals = np.empty(4 * ROOM)  # contiguous, or the loop would not vectorise
     for first in range(0, (pairs + 1) // 2, ROOM):
         count = min(ROOM, (pairs + 1) // 2 - first)
         for n in range(count):
             u0, u1, u2, u3 = uniforms(k0, k1, sample, np.uint64(first + n), np.uint64(0))
-            found[n], found[ROOM + n] = normal_pair(u0, u1)
-            found[2 * ROOM + n], found[3 * ROOM + n] = normal_pair(u2, u3)
+            normals[n], normals[ROOM + n] = normal_pair(u0, u1)
+            normals[2 * ROOM + n], normals[3 * ROOM + n] = normal_pair(u2, u3)
         whole = min(count, pairs // 2 - first)
         for n in range(count):
             m = 2 * (first + n)
-            out[m, 0], out[m, 1] = found[n], found[ROOM + n]
+            out[m, 0], out[m, 1] = normals[n], normals[ROOM + n]
             if n < whole:
-                out[m + 1, 0], out[m + 1, 1] = found[2 * ROOM + n], found[3 * ROOM + n]
+                out[m + 1, 0], out[m + 1, 1] = normals[2 * ROOM + n], normals[3 * ROOM + n]
