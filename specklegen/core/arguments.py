@@ -67,12 +67,12 @@ def file_path(field: str, value: object) -> Path:
 def several(field: str, value: object, kind: type[T]) -> tuple[T, ...]:
     """Return one value of a type, or a sequence of them, as a tuple of at least one."""
     try:
-        found = (value,) if isinstance(value, kind) else tuple(value)  # type: ignore[arg-type]
+        members = (value,) if isinstance(value, kind) else tuple(value)  # type: ignore[arg-type]
     except TypeError:
-        found = ()
-    if not found or not all(isinstance(each, kind) for each in found):
+        members = ()
+    if not members or not all(isinstance(member, kind) for member in members):
         reject(field, f"a {kind.__name__}, or a sequence of them", value)
-    return found  # type: ignore[return-value]
+    return members  # type: ignore[return-value]
 
 
 def flag(field: str, value: object) -> bool:
@@ -145,10 +145,10 @@ def real_array(field: str, value: ArrayLike) -> np.ndarray:
 
 def array_from_zero(field: str, value: ArrayLike, *, above: bool = False, finite: bool = False) -> np.ndarray:
     """Return an array of numbers of at least 0 (or above it) as float64, where ``finite`` none of them infinite."""
-    found = real_array(field, value)
-    if not ((found > 0) if above else (found >= 0)).all() or (finite and not np.isfinite(found).all()):
-        reject(field, ("finite and " if finite else "") + ("above 0" if above else "at least 0"), found)
-    return found
+    array = real_array(field, value)
+    if not ((array > 0) if above else (array >= 0)).all() or (finite and not np.isfinite(array).all()):
+        reject(field, ("finite and " if finite else "") + ("above 0" if above else "at least 0"), array)
+    return array
 
 
 def complex_array(field: str, value: ArrayLike) -> np.ndarray:

@@ -10,7 +10,6 @@ import io
 import json
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
-from functools import lru_cache
 from math import prod
 from pathlib import Path
 from types import NoneType, UnionType
@@ -54,12 +53,7 @@ def file_name(about: tuple[Any, ...], source: Path) -> str | None:
     texts = [part.canonical_json() if isinstance(part, Value) else repr(part) for part in about]
     if any(f'"{CONTENT_KEY}"' in text for text in texts):
         return None
-    return name_of(source_digest(source), _arithmetic(), *texts)
-
-
-@lru_cache(maxsize=1)
-def _arithmetic() -> str:
-    return arithmetic()
+    return name_of(source_digest(source), arithmetic(), *texts)
 
 
 def packed(result: Any) -> bytes:

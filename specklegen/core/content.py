@@ -176,12 +176,12 @@ def _pickled(thing: Any, above: list[object]) -> Iterator[bytes]:
     """What a pickle would hold of an object; nothing of one that is known by its name, or cannot be pickled."""
     reduce = dispatch_table.get(type(thing))
     try:
-        held = reduce(thing) if reduce else thing.__reduce_ex__(2)
+        reduced = reduce(thing) if reduce else thing.__reduce_ex__(2)
     except Exception:
         return
-    if not isinstance(held, str):
-        listed = (list(each) if isinstance(each, Iterator) else each for each in held)
-        given = (_given(type(thing), each) if isinstance(each, dict) else each for each in listed)
+    if not isinstance(reduced, str):
+        listed = (list(part) if isinstance(part, Iterator) else part for part in reduced)
+        given = (_given(type(thing), part) if isinstance(part, dict) else part for part in listed)
         yield from _all("held", given, above)
 
 
@@ -213,12 +213,12 @@ def _function(function: FunctionType, above: list[object]) -> Iterator[bytes]:
 
 def _known(names: list[str], space: Mapping[str, Any], modules: list[object]) -> list[tuple[str, Any]]:
     """What names stand for in a module, and in the modules of a user's own that stand there."""
-    found = [(name, space[name]) for name in names if name in space]
-    for _, module in list(found):
+    meanings = [(name, space[name]) for name in names if name in space]
+    for _, module in list(meanings):
         if isinstance(module, ModuleType) and module not in modules and not _is_installed(module.__name__):
             modules.append(module)
-            found += _known(names, vars(module), modules)
-    return found
+            meanings += _known(names, vars(module), modules)
+    return meanings
 
 
 def _is_filled(cell: Any) -> bool:
@@ -244,16 +244,16 @@ def _class(kind: type, above: list[object]) -> Iterator[bytes]:
     if not is_own(kind) or (len(above) > 1 and _is_installed(kind.__module__)):
         yield f"class {kind.__module__}.{kind.__qualname__}".encode()
         return
-    own = {
+    members = {
         name: each for name, each in vars(kind).items()
         if isinstance(each, (FunctionType, *_WRAPPED)) or not (name.startswith("model_") or _MACHINERY.match(name))
     }  # fmt: skip
     hidden = kind.__dict__.get("__private_attributes__", {})
-    own |= {name: (each.default, each.default_factory) for name, each in hidden.items()}
+    members |= {name: (each.default, each.default_factory) for name, each in hidden.items()}
     # A representation may tell where an object lies in memory, which is no content.
-    said = {name: repr(field) for name, field in kind.__dict__.get("__pydantic_fields__", {}).items()}
-    fields = {name: re.sub(r" at 0x[0-9a-fA-F]+", "", text) for name, text in said.items()}
-    yield from _all("class", (kind.__bases__, own, fields), above)
+    texts = {name: repr(field) for name, field in kind.__dict__.get("__pydantic_fields__", {}).items()}
+    fields = {name: re.sub(r" at 0x[0-9a-fA-F]+", "", text) for name, text in texts.items()}
+    yield from _all("class", (kind.__bases__, members, fields), above)
 
 
 def _is_installed(module: str | None) -> bool:

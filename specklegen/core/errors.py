@@ -48,8 +48,8 @@ def reject(field: str, rule: str, value: object, remedy: str = "", in_tables: st
 
     ``in_tables`` is the field's name in a file, where that is another.
     """
-    said = f"must be {rule}; got {shown(value)}." + (f" {remedy}" if remedy else "")
-    raise RuleError(f"{field} {said}", f"{in_tables or field} {said}")
+    text = f"must be {rule}; got {shown(value)}." + (f" {remedy}" if remedy else "")
+    raise RuleError(f"{field} {text}", f"{in_tables or field} {text}")
 
 
 def shown(value: object) -> str:

@@ -27,8 +27,8 @@ def install_line(error: ImportError) -> str | None:
     name = (error.name or "").partition(".")[0]
     if name not in EXTRAS:
         return None
-    said = f"this needs the package {name}: pip install 'specklegen-torch[{EXTRAS[name]}]'"
-    return said + _PYTORCH * (name == "torch")
+    advice = f"this needs the package {name}: pip install 'specklegen-torch[{EXTRAS[name]}]'"
+    return advice + _PYTORCH * (name == "torch")
 
 
 @contextmanager
@@ -37,10 +37,10 @@ def extras_named() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        said = install_line(error)
-        if said is None or error.msg == said:
+        advice = install_line(error)
+        if advice is None or error.msg == advice:
             raise
-        raise ModuleNotFoundError(said, name=error.name) from error
+        raise ModuleNotFoundError(advice, name=error.name) from error
 
 
 def lazy_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:

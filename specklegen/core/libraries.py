@@ -25,6 +25,7 @@ def library_versions() -> dict[str, str]:
     return versions
 
 
+@lru_cache(maxsize=1)
 def arithmetic() -> str:
     """What decides last bits beside sources: a home folder may be shared by machines, and outlives libraries."""
     chosen = [os.environ.get(name, "") for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "MKL_CBWR")]

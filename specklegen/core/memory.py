@@ -46,7 +46,7 @@ def available_memory() -> int:
 
 def _cgroup_limits(root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/proc/self/cgroup")) -> list[int]:
     """Limits of the process's control groups, of version 1 and 2, and of all groups that hold them."""
-    found = []
+    limits = []
     try:
         lines = [line.split(":", 2) for line in groups.read_text().splitlines()]
     except OSError:
@@ -59,17 +59,17 @@ def _cgroup_limits(root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/pr
         # In a container the group's path may not be visible: its limit then stands at the root.
         for folder in [here, *(above for above in here.parents if above.is_relative_to(base))]:
             with contextlib.suppress(OSError, ValueError):  # "max" where there is no limit
-                found.append(int((folder / name).read_text()))
-    return found
+                limits.append(int((folder / name).read_text()))
+    return limits
 
 
 def _slurm_limits() -> list[int]:
     """What a job of Slurm asked for on this machine, MiB in the environment; 0 there means all of it."""
-    asked = [os.environ.get("SLURM_MEM_PER_NODE", "")]
+    requests = [os.environ.get("SLURM_MEM_PER_NODE", "")]
     per_core, cores = (os.environ.get(f"SLURM_{name}", "") for name in ("MEM_PER_CPU", "CPUS_ON_NODE"))
     if per_core.isdecimal() and cores.isdecimal():
-        asked.append(str(int(per_core) * int(cores)))
-    return [int(one) * 2**20 for one in asked if one.isdecimal() and int(one) > 0]
+        requests.append(str(int(per_core) * int(cores)))
+    return [int(request) * 2**20 for request in requests if request.isdecimal() and int(request) > 0]
 
 
 def _bounds_now() -> list[int]:
@@ -94,29 +94,29 @@ def _lines(file: Path) -> dict[str, int]:
     return {name: int(kibibytes) * 1024 for name, kibibytes in stated}
 
 
-def array_bytes(held: object) -> int:
+def array_bytes(value: object) -> int:
     """Bytes of all arrays and tensors within a value of this library, or within lists and tables, each once."""
     sizes: dict[object, int] = {}
-    seen: set[int] = set()
-    left = [held]
+    visited: set[int] = set()
+    left = [value]
     while left:
-        each = left.pop()
-        if id(each) in seen:
+        thing = left.pop()
+        if id(thing) in visited:
             continue
-        seen.add(id(each))  # what holds them is held by the caller: no number comes twice
-        if isinstance(each, np.ndarray):
-            while isinstance(each.base, np.ndarray):
-                each = each.base
-            sizes[id(each)] = each.nbytes
-        elif hasattr(each, "untyped_storage"):
-            storage = each.untyped_storage()
-            sizes[storage.data_ptr() or id(each)] = storage.nbytes()
-        elif isinstance(each, Mapping):
-            left += each.values()
-        elif isinstance(each, list | tuple | set | frozenset):
-            left += each
-        elif type(each).__module__.startswith(_PACKAGE) and not isinstance(each, type):
-            left += getattr(each, "__dict__", {}).values()
+        visited.add(id(thing))  # what holds them is held by the caller: no number comes twice
+        if isinstance(thing, np.ndarray):
+            while isinstance(thing.base, np.ndarray):
+                thing = thing.base
+            sizes[id(thing)] = thing.nbytes
+        elif hasattr(thing, "untyped_storage"):
+            storage = thing.untyped_storage()
+            sizes[storage.data_ptr() or id(thing)] = storage.nbytes()
+        elif isinstance(thing, Mapping):
+            left += thing.values()
+        elif isinstance(thing, list | tuple | set | frozenset):
+            left += thing
+        elif type(thing).__module__.startswith(_PACKAGE) and not isinstance(thing, type):
+            left += getattr(thing, "__dict__", {}).values()
     return sum(sizes.values())
 
 

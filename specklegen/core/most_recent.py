@@ -70,7 +70,7 @@ class MostRecent(Generic[Key, Kept]):
             self._let_go(0)
 
     def _let_go(self, least: int) -> None:
-        sizes = {each: array_bytes(self._held(result)) for each, result in self._kept.items()}
+        sizes = {key: array_bytes(self._held(result)) for key, result in self._kept.items()}
         while len(sizes) > least and (len(sizes) > self._most or sum(sizes.values()) > self._most_bytes):
             oldest, _ = self._kept.popitem(last=False)
             del sizes[oldest]

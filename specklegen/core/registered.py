@@ -123,8 +123,8 @@ def own_classes(value: Any) -> Iterator[type]:
         for name in type(value).model_fields:
             yield from own_classes(getattr(value, name))
     elif isinstance(value, tuple | list):
-        for each in value:
-            yield from own_classes(each)
+        for part in value:
+            yield from own_classes(part)
 
 
 def require_importable(classes: Iterable[type]) -> None:

@@ -42,17 +42,17 @@ def imported(field: str, path: str) -> Any:
     RuleError
         If there is no such module or no such name in it, it cannot be imported, or another of its name has been.
     """
-    found = _PATH.fullmatch(path)
-    if found is None:
+    match = _PATH.fullmatch(path)
+    if match is None:
         reject(field, 'an import path such as "my_module:Name"', path)
-    folder = Path(found["folder"] if found["folder"] is not None else ".").expanduser().resolve()
-    file = _file_of(folder, found["module"])
-    if file is None and found["folder"] is not None:
-        reject(field, f"of a module in {folder}", path, f"There is no {found['module']}.py.")
+    folder = Path(match["folder"] if match["folder"] is not None else ".").expanduser().resolve()
+    file = _file_of(folder, match["module"])
+    if file is None and match["folder"] is not None:
+        reject(field, f"of a module in {folder}", path, f"There is no {match['module']}.py.")
     if file is not None and str(folder) not in sys.path:
         sys.path.append(str(folder))
     try:
-        module = importlib.import_module(found["module"])
+        module = importlib.import_module(match["module"])
     except RuleError:
         raise
     except Exception as error:
@@ -60,10 +60,10 @@ def imported(field: str, path: str) -> Any:
     there = getattr(module, "__file__", None)
     if file is not None and (there is None or Path(there).resolve() != file):
         reject(field, "of a module whose name no other has", path,
-               f"{found['module']} is {there or 'built in'} here: rename {file.name}.")  # fmt: skip
-    if not hasattr(module, found["name"]):
-        reject(field, f"a name that {found['module']} defines", path)
-    return getattr(module, found["name"])
+               f"{match['module']} is {there or 'built in'} here: rename {file.name}.")  # fmt: skip
+    if not hasattr(module, match["name"]):
+        reject(field, f"a name that {match['module']} defines", path)
+    return getattr(module, match["name"])
 
 
 def _file_of(folder: Path, module: str) -> Path | None:
@@ -86,12 +86,12 @@ def anchored(table: Any, folder: Path) -> Any:
 
 
 def _anchored(name: str, value: Any, folder: Path) -> Any:
-    found = _PATH.fullmatch(value) if name in IMPORTABLE and isinstance(value, str) else None
-    if found is None:
+    match = _PATH.fullmatch(value) if name in IMPORTABLE and isinstance(value, str) else None
+    if match is None:
         return anchored(value, folder)
-    place = (folder / Path(found["folder"] or "").expanduser()).resolve()
-    here = found["folder"] is not None or _file_of(place, found["module"]) is not None
-    return f"{place}/{found['module']}:{found['name']}" if here else value
+    place = (folder / Path(match["folder"] or "").expanduser()).resolve()
+    here = match["folder"] is not None or _file_of(place, match["module"]) is not None
+    return f"{place}/{match['module']}:{match['name']}" if here else value
 
 
 def import_paths(table: Any) -> Iterator[str]:
@@ -142,14 +142,14 @@ class Registry(Generic[T]):
         if not is_import_path(name):
             reject(field, f"one of {', '.join([*beside, *self._members])}", name,
                    'One of your own is known once its module is imported; or write "module:Name".')  # fmt: skip
-        found = imported(field, str(name))
-        if not self._accepts(found):
-            reject(field, f"the import path of a {self.what}", name, f"It is a {type(found).__name__}.")
-        return found
+        member = imported(field, str(name))
+        if not self._accepts(member):
+            reject(field, f"the import path of a {self.what}", name, f"It is a {type(member).__name__}.")
+        return member
 
     def name_of(self, member: T) -> str:
         """Name of a member."""
-        return next(name for name, each in self._members.items() if each is member)
+        return next(name for name, known in self._members.items() if known is member)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._members)

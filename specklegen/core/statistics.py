@@ -106,9 +106,9 @@ def tail_factor(deviations: np.ndarray) -> np.ndarray:
     others). What is left of the doubt is Student's: the variance is known as that of nu + 1 normal deviations is, with
     2 / nu its relative variance. Measured in docs/trust.md.
     """
-    n, one = len(deviations), 1 / effective_count(deviations)
-    added = 1.5 * np.sqrt(np.maximum(one - 3 / max(n, 1), 0))
-    freedom = 2 / np.maximum(one - 1 / max(n, 1), 2 / max(n - 1, 1))
+    n, share = len(deviations), 1 / effective_count(deviations)
+    added = 1.5 * np.sqrt(np.maximum(share - 3 / max(n, 1), 0))
+    freedom = 2 / np.maximum(share - 1 / max(n, 1), 2 / max(n - 1, 1))
     return np.sqrt(1 + added) * stdtrit(freedom, _NORMAL_95) / ndtri(_NORMAL_95)
 
 

@@ -133,16 +133,16 @@ def is_temporary(path: Path) -> bool:
     return _TEMPORARY.fullmatch(path.name) is not None
 
 
-def dead(found: Iterable[Path]) -> list[Path]:
+def dead(paths: Iterable[Path]) -> list[Path]:
     """Return those temporary files and folders that nobody has touched for too long, in the order of their names."""
-    candidates = sorted(path for path in found if is_temporary(path))
+    candidates = sorted(path for path in paths if is_temporary(path))
     clocks = {folder: _time_in(folder) for folder in {path.parent for path in candidates}}
     return [path for path in candidates if _dated(path) < clocks[path.parent] - AGE]
 
 
-def sweep(found: Iterable[Path]) -> list[Path]:
+def sweep(paths: Iterable[Path]) -> list[Path]:
     """Delete those temporary files and folders that are :func:`dead`; return those that it deleted."""
-    swept = dead(found)
+    swept = dead(paths)
     for path in swept:
         with contextlib.suppress(OSError):
             path.unlink(missing_ok=True) if path.is_file() else shutil.rmtree(path, ignore_errors=True)

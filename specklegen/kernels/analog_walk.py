@@ -94,22 +94,22 @@ class Ends(NamedTuple):
 
 
 @kernel
-def walk_analog(key0, key1, first, volume, table, outer, steps, light, found):
+def walk_analog(key0, key1, first, volume, table, outer, steps, light, out):
     """Walk the paths ``first`` ... and write where each of them ends.
 
     volume, table : Volume, PhaseTable   in three dimensions
     outer : (float, float, float)        refractive indices inside, of the wall, outside
     steps : Steps or None                of layers; None leaves all that belongs to them out of the compiled walk
     light : float64[3]                   direction of the light in the first layer, light[2] > 0
-    found : Ends                         output
+    out : Ends                           output
     """
-    exits, collisions, ends, turned = found.exits, found.collisions, found.faces, found.turned
+    exits, collisions, ends, turned = out.exits, out.collisions, out.faces, out.turned
     bounds, cells, per_length = volume.bounds, volume.cells, volume.per_length
     extinction, albedo, material = volume.extinction, volume.albedo, volume.material
     inside, wall, outside = outer
     stepped = inside != wall or wall != outside
     mobility, transfers = volume.mobility, turned.shape[0] > 0
-    flow, doppler, flows = volume.flow, found.doppler, found.doppler.shape[0] > 0
+    flow, doppler, flows = volume.flow, out.doppler, out.doppler.shape[0] > 0
     k0, k1, zero = np.uint64(key0), np.uint64(key1), np.uint64(0)
     bounded = math.isfinite(bounds[0, 0])
     for n in range(exits.shape[0]):

@@ -14,9 +14,9 @@ def fill_turned(field, down, across, out):
         Factors of the wave along either axis.
     """
     for y in range(len(down)):
-        row, own, wave = field[y], out[y], down[y]
+        row, target, wave = field[y], out[y], down[y]
         for x in range(len(across)):
-            own[x] = row[x] * (wave * across[x])
+            target[x] = row[x] * (wave * across[x])
 
 
 @kernel
@@ -35,13 +35,13 @@ def fill_powers(fields, out):
     for node in range(count):
         row = out[node]
         for draw in range(draws):
-            own = fields[draw, node]
+            values = fields[draw, node]
             if draw == 0:
                 for n in range(points):
-                    row[n] = own[n].real * own[n].real + own[n].imag * own[n].imag
+                    row[n] = values[n].real * values[n].real + values[n].imag * values[n].imag
             else:
                 for n in range(points):
-                    row[n] += own[n].real * own[n].real + own[n].imag * own[n].imag
+                    row[n] += values[n].real * values[n].real + values[n].imag * values[n].imag
 
 
 @kernel

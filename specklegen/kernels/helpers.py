@@ -72,7 +72,7 @@ class Helper(CPUDispatcher):
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Find what is compiled for types of arguments; a number that stands in the call is one of its type."""
         return super().get_call_template(
-            tuple(map(unliteral, args)), {name: unliteral(each) for name, each in kws.items()}
+            tuple(map(unliteral, args)), {name: unliteral(value) for name, value in kws.items()}
         )
 
     def add_overload(self, cres: Any) -> None:

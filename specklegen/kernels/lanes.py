@@ -72,8 +72,8 @@ def propose(g, least, vx, vy, vz, depth, slope, state, count):
         cos = fma(state[WX + i], vx, fma(state[WY + i], vy, state[WZ + i] * vz))
         base = fma(2.0 * g, 1.0 - cos, (1.0 - g) * (1.0 - g))
         bound = state[KEEP + i] * fma(t, fma(t, fma(t, 1.0 / 6.0, 0.5), 1.0), 1.0)
-        kept = (most * most > bound * bound * (base * base * base)) & (t < 700.0)
-        state[CANDIDATE + i] = max(state[CANDIDATE + i], 1.0 if kept else 0.0)
+        exceeds = (most * most > bound * bound * (base * base * base)) & (t < 700.0)
+        state[CANDIDATE + i] = max(state[CANDIDATE + i], 1.0 if exceeds else 0.0)
 
 
 @inlined
@@ -88,8 +88,8 @@ def propose_by_table(rows, places, least, vx, vy, vz, depth, slope, state, count
         t = fma(slope, state[Z + i], depth)
         power = state[AMOUNT + i] * state[POWER + i] / least * judged(state[SHAPE + i])
         bound = state[KEEP + i] * fma(t, fma(t, fma(t, 1.0 / 6.0, 0.5), 1.0), 1.0)
-        kept = (power > bound) & (t < 700.0)
-        state[CANDIDATE + i] = max(state[CANDIDATE + i], 1.0 if kept else 0.0)
+        exceeds = (power > bound) & (t < 700.0)
+        state[CANDIDATE + i] = max(state[CANDIDATE + i], 1.0 if exceeds else 0.0)
 
 
 @inlined
@@ -206,14 +206,14 @@ def drop_ended(state, address, count, thickness, albedo, last_order, jones, row)
 
 
 @inlined
-def sort_by_path(paths, first, count, found, ranks):
+def sort_by_path(paths, first, count, connections, ranks):
     """Fill ``ranks`` with the places of ``found`` connections in path order, those of one path as they were found."""
     begin = np.zeros(count + 1, np.int64)
-    for n in range(found):
+    for n in range(connections):
         begin[paths[n] - first + 1] += 1
     for p in range(count):
         begin[p + 1] += begin[p]
-    for n in range(found):
+    for n in range(connections):
         p = paths[n] - first
         ranks[begin[p]] = n
         begin[p] += 1

@@ -11,7 +11,7 @@ def compiler_with(lowering: type[NativeLowering]) -> type[CompilerBase]:
     class Compiler(CompilerBase):
         def define_pipelines(self) -> list[PassManager]:
             steps = DefaultPassBuilder.define_nopython_pipeline(self.state)
-            steps.passes = [(lowering if each is NativeLowering else each, told) for each, told in steps.passes]
+            steps.passes = [(lowering if step is NativeLowering else step, reason) for step, reason in steps.passes]
             steps.finalize()
             return [steps]
 

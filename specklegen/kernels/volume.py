@@ -41,14 +41,14 @@ def is_layered(cells):
 
 @overload(is_homogeneous)
 def _is_homogeneous(cells):
-    found = str(cells.dtype) == "int16"
-    return lambda cells: found
+    answer = str(cells.dtype) == "int16"
+    return lambda cells: answer
 
 
 @overload(is_layered)
 def _is_layered(cells):
-    found = str(cells.dtype) == "int32"
-    return lambda cells: found
+    answer = str(cells.dtype) == "int32"
+    return lambda cells: answer
 
 
 class Volume(NamedTuple):

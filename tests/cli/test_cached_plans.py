@@ -112,7 +112,9 @@ def test_an_answer_is_of_one_recipe_one_package_and_one_machine(first_command, m
     ):
         with monkeypatch.context() as context:
             context.setattr(module, name, value)
+            libraries.arithmetic.cache_clear()
             names.append(name_of_answer(TABLE, None))
+    libraries.arithmetic.cache_clear()
     assert len(set(names)) == len(names) - 1
 
 

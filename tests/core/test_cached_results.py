@@ -212,7 +212,7 @@ def test_a_result_is_of_one_question_one_package_and_one_machine(monkeypatch):
     source = ROOT / "specklegen" / "paths" / "tracer.py"
 
     def name(*about: object, source: Path = source) -> str | None:
-        cached_results._arithmetic.cache_clear()
+        libraries.arithmetic.cache_clear()
         return file_name(about, source)
 
     names = [name("a", SLAB, 1.0), name("a", SLAB, 1.0)]
@@ -231,7 +231,7 @@ def test_a_result_is_of_one_question_one_package_and_one_machine(monkeypatch):
     with monkeypatch.context() as context:
         context.setenv("NUMBA_CPU_NAME", "a kind that this process does not run for")
         names.append(name("a", SLAB, 1.0))
-    cached_results._arithmetic.cache_clear()
+    libraries.arithmetic.cache_clear()
     assert len(set(names)) == len(names) - 1
 
 
