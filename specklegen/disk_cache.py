@@ -140,7 +140,7 @@ def _sweep(folder: Path, most: int, most_bytes: int) -> None:
 
 
 def _is_trusted(folder: Path, path: Path | None = None, status: os.stat_result | None = None) -> bool:
-    """Whether only this user and the administrator could have written into a folder, and an open file of it."""
+    """Return whether only this user and the administrator could have written into a folder, and an open file of it."""
     reason = distrust(folder)
     if reason is None and status is not None and _suspicion(status) is not None:
         reason = f"{path} {_suspicion(status)}"
@@ -182,7 +182,7 @@ def _suspicion(status: os.stat_result) -> str | None:
 
 @lru_cache
 def _is_private(group: int) -> bool:
-    """Whether a group is that of this user alone, as many systems make one for each user."""
+    """Return whether a group is that of this user alone, as many systems make one for each user."""
     import grp
     import pwd
 

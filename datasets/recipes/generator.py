@@ -422,4 +422,4 @@ GENERATORS: MostRecent[_Key, SpeckleGenerator] = MostRecent(_MOST_BYTES, held=Sp
 def generator_of(recipe: RecipeMedia, seed: tuple[int, ...], split: Split, device: str) -> SpeckleGenerator:
     """Return the generator of a recipe, ``seed_words``, split and device: the one that is cached, or a new one."""
     key = (recipe, seed, split, device)
-    return GENERATORS.found(key, lambda: SpeckleGenerator(*key))
+    return GENERATORS.get(key, lambda: SpeckleGenerator(*key))

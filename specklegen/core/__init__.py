@@ -1,1 +1,1 @@
-"""What every room uses and no physics: values, errors, random streams, threads, statistics, memory."""
+"""Tools of every room, without physics: values, errors, random streams, threads, statistics, memory."""

@@ -1,4 +1,4 @@
-"""How many paths an error or a time allows, decided before the run.
+"""Number of paths that an error or a time allows, decided before the run.
 
 The count is chosen from a pilot on a random stream of its own and then simply run, so that stopping is never
 decided by the numbers that are averaged: no bias. The result is that of the count alone, which its report

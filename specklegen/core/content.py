@@ -27,7 +27,7 @@ from specklegen.core.values import CONTENT_KEY, Value, for_identity
 
 _WRAPPED = (property, staticmethod, classmethod, cached_property)
 _MACHINERY = re.compile(r"__|_abc_|_\w*_$")
-"""How attributes of a class begin, or end, that Python, pydantic and enumerations write themselves."""
+"""Beginning or end of the names of attributes that Python, pydantic and enumerations write themselves."""
 _INSTALLED = tuple(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 
 
@@ -56,7 +56,7 @@ def content_digest(*things: object) -> str:
 
 
 def is_own(kind: type) -> bool:
-    """Whether a class is a user's own, and not one of this package."""
+    """Return whether a class is a user's own, and not one of this package."""
     return kind.__module__.partition(".")[0] != "specklegen"
 
 
@@ -173,7 +173,7 @@ def _is_tensor(thing: Any) -> bool:
 
 
 def _pickled(thing: Any, above: list[object]) -> Iterator[bytes]:
-    """What a pickle would hold of an object; nothing of one that is known by its name, or cannot be pickled."""
+    """Yield what a pickle would hold of an object; nothing of one known by its name, or that cannot be pickled."""
     reduce = dispatch_table.get(type(thing))
     try:
         reduced = reduce(thing) if reduce else thing.__reduce_ex__(2)
@@ -212,7 +212,7 @@ def _function(function: FunctionType, above: list[object]) -> Iterator[bytes]:
 
 
 def _known(names: list[str], space: Mapping[str, Any], modules: list[object]) -> list[tuple[str, Any]]:
-    """What names stand for in a module, and in the modules of a user's own that stand there."""
+    """Return the objects that names stand for in a module, and in the modules of a user's own that stand there."""
     meanings = [(name, space[name]) for name in names if name in space]
     for _, module in list(meanings):
         if isinstance(module, ModuleType) and module not in modules and not _is_installed(module.__name__):
@@ -257,7 +257,7 @@ def _class(kind: type, above: list[object]) -> Iterator[bytes]:
 
 
 def _is_installed(module: str | None) -> bool:
-    """Whether a module belongs to Python, to this package, or to one that is installed."""
+    """Return whether a module belongs to Python, to this package, or to one that is installed."""
     top = (module or "").partition(".")[0]
     if top in ("specklegen", *sys.stdlib_module_names):
         return top != "__main__"

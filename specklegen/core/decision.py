@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Decision:
-    """Whether one part of the physics takes part, with the reason in words.
+    """Decision about one part of the physics: taken or left out, with the reason in words.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Decision:
 
     @property
     def idealised(self) -> bool:
-        """Whether a part is left out that the real thing has."""
+        """Return whether a part is left out that the real thing has."""
         return not self.needed and self.reason.startswith("idealised: ")
 
 

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from llvmlite.binding import get_host_cpu_name
 
 DISTRIBUTION = "specklegen-torch"
-"""What pip knows this package as; on the package index ``specklegen`` is somebody else's."""
+"""Name of this package for pip; on the package index ``specklegen`` is somebody else's."""
 DECIDING = ("specklegen", "numpy", "scipy", "torch", "numba", "llvmlite", "finufft", "pillow", "matplotlib")
 """Arithmetic, transforms and compilers; Pillow and Matplotlib draw and resample the hidden objects."""
 _version = lru_cache(version)  # reads a file, of a sixth of a megabyte for some
@@ -27,6 +27,6 @@ def library_versions() -> dict[str, str]:
 
 @lru_cache(maxsize=1)
 def arithmetic() -> str:
-    """What decides last bits beside sources: a home folder may be shared by machines, and outlives libraries."""
+    """Return what decides last bits beside sources: machines may share a home folder, which outlives libraries."""
     chosen = [os.environ.get(name, "") for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "MKL_CBWR")]
     return f"{sorted(library_versions().items())} {platform.machine()} {get_host_cpu_name()} {chosen}"

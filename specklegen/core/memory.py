@@ -1,4 +1,4 @@
-"""How much memory this process holds, and may hold: the machine's, a cgroup's, Slurm's and ``ulimit``'s bounds."""
+"""Memory that this process holds, and may hold: the machine's, a cgroup's, Slurm's and ``ulimit``'s bounds."""
 
 import contextlib
 import os
@@ -64,7 +64,7 @@ def _cgroup_limits(root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/pr
 
 
 def _slurm_limits() -> list[int]:
-    """What a job of Slurm asked for on this machine, MiB in the environment; 0 there means all of it."""
+    """Return what a job of Slurm asked for on this machine, MiB in the environment; 0 there means all of it."""
     requests = [os.environ.get("SLURM_MEM_PER_NODE", "")]
     per_core, cores = (os.environ.get(f"SLURM_{name}", "") for name in ("MEM_PER_CPU", "CPUS_ON_NODE"))
     if per_core.isdecimal() and cores.isdecimal():

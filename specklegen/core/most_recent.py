@@ -1,4 +1,4 @@
-"""Results that are kept between calls: those asked for last, up to a number of bytes."""
+"""Results that are cached between calls: those asked for last, up to a number of bytes."""
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
@@ -10,14 +10,14 @@ from weakref import WeakValueDictionary
 from specklegen.core.memory import array_bytes
 
 Key = TypeVar("Key", bound=Hashable)
-Kept = TypeVar("Kept")
+Result = TypeVar("Result")
 
 STORES: "WeakValueDictionary[int, MostRecent[Any, Any]]" = WeakValueDictionary()
 """All of this process, in the order in which they were made."""
 _NUMBER = count()
 
 
-class MostRecent(Generic[Key, Kept]):
+class MostRecent(Generic[Key, Result]):
     """Results of pure functions of a key, the last of them up to a number of bytes.
 
     The last one stays, however large it is, until :meth:`trim`. What it holds may grow meanwhile: all are weighed when
@@ -36,31 +36,31 @@ class MostRecent(Generic[Key, Kept]):
     --------
     >>> import numpy as np
     >>> from specklegen.core.most_recent import MostRecent
-    >>> kept = MostRecent(2000)
-    >>> [kept.found(n, lambda: np.zeros(100)).nbytes for n in range(5)]
+    >>> results = MostRecent(2000)
+    >>> [results.get(n, lambda: np.zeros(100)).nbytes for n in range(5)]
     [800, 800, 800, 800, 800]
-    >>> len(kept)
+    >>> len(results)
     2
     """
 
-    def __init__(self, most_bytes: int, most: int = 64, held: Callable[[Kept], object] = lambda kept: kept) -> None:
+    def __init__(self, most_bytes: int, most: int = 64, held: Callable[[Result], object] = lambda whole: whole) -> None:
         self._most_bytes, self._most, self._held, self._lock = most_bytes, most, held, Lock()
-        self._kept: OrderedDict[Key, Kept] = OrderedDict()
+        self._results: OrderedDict[Key, Result] = OrderedDict()
         STORES[next(_NUMBER)] = self
 
     def __len__(self) -> int:
-        return len(self._kept)
+        return len(self._results)
 
-    def found(self, key: Key, make: Callable[[], Kept]) -> Kept:
+    def get(self, key: Key, make: Callable[[], Result]) -> Result:
         """Return the result of a key, made now if it is not there."""
         with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]
+            if key in self._results:
+                self._results.move_to_end(key)
+                return self._results[key]
         result = make()
         with self._lock:
-            result = self._kept.setdefault(key, result)  # another thread may have been as quick
-            self._kept.move_to_end(key)
+            result = self._results.setdefault(key, result)  # another thread may have been as quick
+            self._results.move_to_end(key)
             self._let_go(1)
         return result
 
@@ -70,12 +70,12 @@ class MostRecent(Generic[Key, Kept]):
             self._let_go(0)
 
     def _let_go(self, least: int) -> None:
-        sizes = {key: array_bytes(self._held(result)) for key, result in self._kept.items()}
+        sizes = {key: array_bytes(self._held(result)) for key, result in self._results.items()}
         while len(sizes) > least and (len(sizes) > self._most or sum(sizes.values()) > self._most_bytes):
-            oldest, _ = self._kept.popitem(last=False)
+            oldest, _ = self._results.popitem(last=False)
             del sizes[oldest]
 
     def forget(self) -> None:
         """Let all of them go."""
         with self._lock:
-            self._kept.clear()
+            self._results.clear()

@@ -171,7 +171,7 @@ class Crew:
                 member.join()
 
     def _work(self, function: Callable[[A, "Threads"], B], jobs: list[A], beside: int) -> None:
-        """What each thread does: begin the next job if it may, else help, until all jobs are done."""
+        """Work of each thread: begin the next job if it may, else help, until all jobs are done."""
 
         def no_more() -> bool:
             return self._stopped or self._begun == len(jobs)
@@ -205,7 +205,7 @@ class Crew:
 
 
 Threads = int | Crew | None
-"""How many threads, or whose: None are all cores, a crew those of it that have no job."""
+"""Number of threads, or the crew that they belong to: None are all cores, a crew those of it that have no job."""
 
 
 _BLAS = Lock()  # guards what follows

@@ -53,7 +53,7 @@ class Registered(Admitted):
 
     @classmethod
     def is_member(cls) -> bool:
-        """Whether the class is one that a value may have."""
+        """Return whether the class is one that a value may have."""
         return not inspect.isabstract(cls) and not cls.__name__.startswith("_")
 
     @classmethod
@@ -111,7 +111,7 @@ class _Members:
 
 
 def member_of(root: type[Registered]) -> tuple[Any, ...]:
-    """What makes a field take any member of a family: ``Annotated[Root, *member_of(Root)]``."""
+    """Return the annotations by which a field takes any member of a family: ``Annotated[Root, *member_of(Root)]``."""
     return SerializeAsAny(), BeforeValidator(root.read), _Members(root)  # type: ignore[operator]
 
 

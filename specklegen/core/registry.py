@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 def is_import_path(text: object) -> bool:
-    """Whether a text is ``module:Name`` or ``module.py:Name``, perhaps behind a folder.
+    """Return whether a text is ``module:Name`` or ``module.py:Name``, perhaps behind a folder.
 
     Examples
     --------

@@ -26,7 +26,7 @@ from specklegen.core.parallel import one_blas_thread, one_torch_thread
 T = TypeVar("T")
 
 FLOAT_ERRORS: Any = {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
-"""What NumPy does about floating-point errors unless it is told otherwise, as keywords of ``np.errstate``."""
+"""Default actions of NumPy at floating-point errors, as keywords of ``np.errstate``."""
 
 _HERE = local()  # .inside: whether this thread is under the shield
 _LOCK = Lock()  # guards what follows

@@ -76,7 +76,7 @@ def jackknife(batches: np.ndarray, function: Callable[[np.ndarray], np.ndarray])
 
 
 def effective_count(deviations: np.ndarray) -> np.ndarray:
-    """How many of independent values carry their variance, (sum |d|^2)^2 / sum |d|^4 along the first axis.
+    """Number of independent values that carry their variance, (sum |d|^2)^2 / sum |d|^4 along the first axis.
 
     The variance of n values is known to one over its root; n/3 of normal ones, n of two that are as likely. Infinite
     where nothing varies.
@@ -98,7 +98,7 @@ def rarity(deviations: np.ndarray) -> np.ndarray:
 
 
 def tail_factor(deviations: np.ndarray) -> np.ndarray:
-    """What standard errors from n deviations are multiplied by, so that 1.96 of them cover 95 %.
+    """Factor of standard errors from n deviations, so that 1.96 of them cover 95 %.
 
     Of 64 normal ones it is 1.02 to 1.1, at most 3.5 where one holds nearly all. Rare paths of great weight are missed
     by most samples, which show too little variance, though not on average: 1.5 standard errors of the variance are

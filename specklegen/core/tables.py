@@ -63,7 +63,7 @@ def _table(parse: Callable[[str], Any], text: str, field: str, rule: str) -> dic
 
 
 def _deeper(value: object, levels: int) -> bool:
-    """Whether tables and lists lie inside one another more than ``levels`` deep; without recursion."""
+    """Return whether tables and lists lie inside one another more than ``levels`` deep; without recursion."""
     layer = [value]
     for _ in range(levels + 1):
         layer = [inner for outer in layer for inner in _inside(outer)]

@@ -73,7 +73,7 @@ _RULES = {
 
 
 _MEMBER = re.compile(r"@|constrained-|function-|literal\[|(float|int|str|bool)$")
-"""How a part of a place begins that tells apart the members of a union; nobody wrote it."""
+"""Beginning of a part of a place that tells apart the members of a union; nobody wrote it."""
 
 
 def broken_rules(owner: str, error: ValidationError, of: type[BaseModel] | None = None) -> RuleError:
@@ -142,7 +142,7 @@ def _bound(value: object) -> object:
 
 
 def _bare(message: str) -> str:
-    """What a message of pydantic demands, without the words that stand before it in each."""
+    """Return the rule in a message of pydantic, without the words that stand before it in each."""
     return message.removeprefix("Value error, ").removeprefix("Input should be ")
 
 
@@ -170,7 +170,7 @@ def equals_default(value: Any, field: FieldInfo | None) -> bool:
 
 
 def _one_zero(value: Any, levels: int = 8) -> Any:
-    """The same with 0.0 for -0.0, which equals it and is written otherwise: equal values have one fingerprint."""
+    """Return a value with 0.0 for -0.0, which equals it and is written otherwise: equal values have one fingerprint."""
     if type(value) in (list, tuple):  # no field has as many levels; what has more is refused by its field
         return type(value)(_one_zero(each, levels - 1) for each in value) if levels else value
     number = isinstance(value, float | np.floating) or (isinstance(value, np.ndarray) and value.ndim == 0)
@@ -286,7 +286,7 @@ def remembered(size: int) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
-    """The same array, which nobody can write into any more: it is kept, and handed out again."""
+    """Return an array as read-only, since it is cached and returned again."""
     array.flags.writeable = False
     return array
 

@@ -129,7 +129,7 @@ def unfinished(path: Path) -> list[Path]:
 
 
 def is_temporary(path: Path) -> bool:
-    """Whether a name is one that is given to what is not yet whole."""
+    """Return whether a name is one that is given to what is not yet whole."""
     return _TEMPORARY.fullmatch(path.name) is not None
 
 

@@ -34,7 +34,7 @@ X, Y, Z, DX, DY, DZ, WEIGHT = range(7)
 """Columns of an exit: where, in which direction inside the medium, with which weight."""
 COLUMNS = 7
 ENTRANCE, FAR, SIDE, ENDED = 0, 1, 2, 3
-"""Where a path ended: through the face where light came in, the one opposite, a side; inside, by roulette."""
+"""Ends of a path: through the face where light came in, the one opposite, a side; inside, by roulette."""
 _LIGHT, _KEPT = 1e-3, 0.1  # weight below which roulette is played, and the chance to go on
 
 # Random dimensions: block 0 of the start, blocks 2 n + 1 and 2 n + 2 of the flight after n collisions and of its end;
@@ -73,7 +73,7 @@ class Steps(NamedTuple):
 
 
 class Ends(NamedTuple):
-    """Where paths end, written by the walk.
+    """Ends of paths, written by the walk.
 
     Attributes
     ----------

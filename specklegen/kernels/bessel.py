@@ -16,7 +16,7 @@ from specklegen.kernels.arithmetic import fma
 from specklegen.kernels.trigonometry import sincos_turns
 
 NEAR = 8.0
-"""Where one form gives way to the other."""
+"""Argument at which one form gives way to the other."""
 SMALL = (
     0.04582966485981377, 0.9303012472958572, -0.6484692830871837, -0.8080888076696872, 1.0383794611437211,
     -0.5074680458471, 0.14598884856759264, -0.028472718610882047, 0.004058078989140991, -0.0004435459224311503,

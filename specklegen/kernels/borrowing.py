@@ -19,7 +19,7 @@ from specklegen.kernels.lowering import compiler_with
 
 
 def _without_owner(context, builder, kind, given):
-    """The same value, of whose arrays nobody counts references, also of those in tuples."""
+    """Return a value of whose arrays nobody counts references, also of those in tuples."""
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder, given)
         array.meminfo = context.get_constant_null(types.MemInfoPointer(types.voidptr))

@@ -32,7 +32,7 @@ X, Y, Z, WX, WY, WZ, DX, DY, DZ, AWAY, DEPTH, MODULUS, TURNS, REAL, IMAGINARY = 
 
 
 class Targets(NamedTuple):
-    """What connections end at.
+    """Ends of connections.
 
     Attributes
     ----------

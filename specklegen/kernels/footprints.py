@@ -1,4 +1,4 @@
-"""Where light enters: points drawn on the illuminated face, the density of the draw, and the beam's profile there."""
+"""Entrance of light: points drawn on the illuminated face, the density of the draw, and the beam's profile there."""
 
 import math
 

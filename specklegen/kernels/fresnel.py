@@ -42,7 +42,7 @@ def reflectance(mu, inside, wall, outside):
 
 @inlined
 def amplitudes(mu, inside, outside):
-    """What one face makes of fields that meet it from inside: real and imaginary parts across the plane, and in it.
+    """Amplitudes of fields that one face reflects inside: real and imaginary parts across the plane, and in it.
 
     Behind the face lies the image of the light: what lies in the plane keeps the sign of its part along the face, so
     that both are one number straight on. Where all is reflected both have length 1, and e^(-i omega t) says their sign.

@@ -33,7 +33,7 @@ class _LinkedLibrary(JITCodeLibrary):
 
 
 class _Address:
-    """What callers find a helper's code by, in place of a function that Python can call."""
+    """Address of a helper's code for its callers, in place of a function that Python can call."""
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)

@@ -40,7 +40,7 @@ _TURNS = np.uint64(0x60000000)  # dimensions of turned azimuths: above all order
 
 
 class Jones(NamedTuple):
-    """What a polarised walk needs and writes.
+    """Input and output of a polarised walk.
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ def amplitudes_of_type(matrices, kind, step, state, i):
 
 @inlined
 def node_place(one_minus_cos):
-    """Where a scattering angle stands among such rows, from 0 straight on to 1 back."""
+    """Place of a scattering angle among such rows, from 0 straight on to 1 back."""
     half = 0.5 * one_minus_cos
     if half <= 0.5:
         return math.sqrt(half) / math.sqrt(2.0)

@@ -78,7 +78,7 @@ def propose(g, least, vx, vy, vz, depth, slope, state, count):
 
 @inlined
 def propose_by_table(rows, places, least, vx, vy, vz, depth, slope, state, count):
-    """The same for a phase function in a table. What looks it up is no vector loop, and stands alone."""
+    """Propose by a phase function in a table. The lookup is no vector loop, and stands alone."""
     for i in range(count):
         cos = fma(state[WX + i], vx, fma(state[WY + i], vy, state[WZ + i] * vz))
         state[DROP + i] = max(1.0 - cos, 0.0)

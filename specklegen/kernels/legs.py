@@ -40,7 +40,7 @@ class Legs(NamedTuple):
 
 
 class Starts(NamedTuple):
-    """How first vertices are drawn: along the legs of one direction.
+    """Draw of first vertices: along the legs of one direction.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Starts(NamedTuple):
 
 @inlined
 def face_of(row, x, y, h):
-    """Where light of a row crosses the outer face."""
+    """Point where light of a row crosses the outer face."""
     return x + row[ASIDE] + h * row[SLOPE], y + row[ASIDE + 1] + h * row[SLOPE + 1]
 
 

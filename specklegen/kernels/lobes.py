@@ -74,7 +74,7 @@ def phase_function(g, rows, places, cos):
 
 @inlined
 def judged_phase_function(g, rows, places, cos):
-    """The same, but never next to nothing: what Russian roulette judges by."""
+    """Phase function that is never next to nothing, for Russian roulette."""
     if rows.shape[0] == 0:
         return henyey_greenstein(g, cos)
     return judged(density_of(rows, places, max(1.0 - cos, 0.0)))

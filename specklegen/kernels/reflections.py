@@ -1,4 +1,4 @@
-"""What reflecting faces do to the walk of :mod:`specklegen.kernels.walk`.
+"""Reflecting faces in the walk of :mod:`specklegen.kernels.walk`.
 
 * a flight that meets a face is reflected with the probability R of its angle and keeps its remaining length;
 * the first leg may have been reflected m = 0, 1, ... times before the first collision, with probability a^m (1 - a),
@@ -46,7 +46,7 @@ class Faces(NamedTuple):
 
 
 class Mirror(NamedTuple):
-    """What the first and the last leg of a light find at the faces.
+    """Faces at the first and the last leg of a light.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ def reflect(where, thickness, faces, state, address, count):
 
 @inlined
 def reflect_polarised(where, thickness, faces, spin, state, address, count):
-    """The same of polarised light, of matrices float64[CARRIED]: each reflection by what it leaves of the light there.
+    """Reflect polarised light, of matrices float64[CARRIED]: each reflection by what it leaves of the light there.
 
     A matrix is multiplied by both reflected amplitudes, and has the probability f = |r M|^2 / |M|^2; over the root of f
     it keeps |M|^2 = 2, and weights stay those of scalar light, both ways (:mod:`specklegen.kernels.jones`).

@@ -38,7 +38,7 @@ _EVENT, _MORE, _FACE = np.uint64(16), np.uint64(0x80000000), np.uint64(0xC000000
 
 
 class Particles(NamedTuple):
-    """What scatters in each layer.
+    """Scatterers of each layer.
 
     Attributes
     ----------

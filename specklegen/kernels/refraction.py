@@ -10,7 +10,7 @@ from specklegen.kernels.fresnel import fresnel, reflectance
 from specklegen.kernels.rng import uniforms
 
 BEFORE, BEHIND = -1, -2
-"""Where a flight has left the layers, in place of a layer's number: through the first face, or through the last."""
+"""Exit of a flight from the layers, in place of a layer's number: through the first face, or through the last."""
 _ONE = np.uint64(1)
 
 

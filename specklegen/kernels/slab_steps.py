@@ -49,7 +49,7 @@ _ONE = np.uint64(1)
 
 
 class Address(NamedTuple):
-    """Where random numbers are addressed: two words of the key, the number of the realization."""
+    """Address of random numbers: two words of the key, the number of the realization."""
 
     key0: int | np.uint64
     key1: int | np.uint64

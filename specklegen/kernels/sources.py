@@ -1,4 +1,4 @@
-"""Where paths through a volume start: a mixture of densities for the first vertex and the first direction.
+"""Starts of paths through a volume: a mixture of densities for the first vertex and the first direction.
 
     p(x, w) = sum_r share_r p_r(x) h_r(w | x)
 

@@ -25,7 +25,7 @@ _ONE = np.uint64(1)
 
 
 class Stretch(NamedTuple):
-    """How a walk is drawn towards the far face; helpers take it apart.
+    """Stretching of a walk towards the far face; helpers take it apart.
 
     Attributes
     ----------

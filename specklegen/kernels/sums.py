@@ -43,7 +43,7 @@ def gather(records, first, count, column, width, out, start):
 
 @kernel
 def grid_points(records, pitch, slope_x, slope_y, offset, y, x, out):
-    """What a transform onto a grid of views needs of the exits, projected along the grid's mode 0.
+    """Exits as a transform onto a grid of views needs them, projected along the grid's mode 0.
 
     pitch : grid pitch over the wavelength, turns per unit length
     slope_x, slope_y : lateral step per depth of mode 0

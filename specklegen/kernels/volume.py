@@ -30,12 +30,12 @@ HOMOGENEOUS, LAYERS, GRID = np.int16, np.int32, np.int64
 
 
 def is_homogeneous(cells):
-    """Whether a volume is one cell."""
+    """Return whether a volume is one cell."""
     return cells.dtype == HOMOGENEOUS
 
 
 def is_layered(cells):
-    """Whether the cells of a volume are layers."""
+    """Return whether the cells of a volume are layers."""
     return cells.dtype == LAYERS
 
 
@@ -144,7 +144,7 @@ def chord(bounds, x, y, z, dx, dy, dz):
 
 @inlined
 def inside(box, x, y, z):
-    """Whether a point lies between the :func:`corners`, which belong to the volume."""
+    """Return whether a point lies between the :func:`corners`, which belong to the volume."""
     return box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5]
 
 

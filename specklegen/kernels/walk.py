@@ -116,7 +116,7 @@ class Rules(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What a walk writes, as it finds it.
+    """Output of a walk, in the order in which it is computed.
 
     Attributes
     ----------

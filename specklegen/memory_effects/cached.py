@@ -119,4 +119,4 @@ def _cached(
                 read_only(value)
         return made
 
-    return _CACHE.found(about, lambda: cached_result(kind, about, compute, "correlations"))
+    return _CACHE.get(about, lambda: cached_result(kind, about, compute, "correlations"))

@@ -164,9 +164,9 @@ def test_results_are_cached_by_their_bytes():
         return np.zeros(100)
 
     for n in (0, 1, 0, 2, 0, 1):
-        store.found(n, lambda n=n: make(n))
+        store.get(n, lambda n=n: make(n))
     assert made == [0, 1, 2, 1]  # 0 was asked for last when 2 came
-    store.found(9, lambda: np.zeros(10_000))
+    store.get(9, lambda: np.zeros(10_000))
     assert len(store) == 1
     store.trim()
     assert len(store) == 0

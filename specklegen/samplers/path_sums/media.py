@@ -110,7 +110,7 @@ class PathMedia:
         return torch.from_numpy(np.asarray(image / mean, np.float32))[None, None].to(amplitudes.device)
 
 
-_KEPT: MostRecent[tuple, np.ndarray] = MostRecent(_POWERS_BYTES, 4096)
+_CACHE: MostRecent[tuple, np.ndarray] = MostRecent(_POWERS_BYTES, 4096)
 """Intensities of the media that were looked through last."""
 
 
@@ -118,7 +118,7 @@ def _kept_powers(media: PathMedia) -> np.ndarray:
     """Intensities of a medium, rendered now if they are not there."""
     own = media.imaging
     key = own.sampler.scene, own.sampler.paths, own.unit, own.tilts, own.divisions, media.seeds
-    return _KEPT.found(key, lambda: _powers(media))
+    return _CACHE.get(key, lambda: _powers(media))
 
 
 def division_weights(count: int) -> np.ndarray:

@@ -271,4 +271,4 @@ def stationary_renderer(prepared: Prepared, seed: Seed) -> StationaryRenderer:
         prepared.scene, prepared.paths, prepared.form, prepared.tabulated, prepared.envelope is not None,
         prepared.streamed, prepared.complete,
     )  # fmt: skip
-    return StationaryRenderer(PREPARED.found(key, lambda: prepared), seed)
+    return StationaryRenderer(PREPARED.get(key, lambda: prepared), seed)

@@ -33,7 +33,7 @@ def counted(monkeypatch):
 def cache(most_bytes=2**31, most=64):
     """Return a cache like that of the process, and what finds a generator in it."""
     generators = MostRecent(most_bytes, most, SpeckleGenerator.held)
-    return generators, lambda key: generators.found(key, lambda: SpeckleGenerator(*key))
+    return generators, lambda key: generators.get(key, lambda: SpeckleGenerator(*key))
 
 
 def keys(recipe, count):
@@ -60,7 +60,7 @@ def test_what_does_not_fit_goes_the_oldest_first(recipe, counted):
         found(key)([0])
     assert len(kept) == 3  # the last had made nothing when it was weighed
     found((recipe, seed_words(9), "train", "cpu"))
-    assert [*kept._kept] == [*own[1:], (recipe, seed_words(9), "train", "cpu")]
+    assert [*kept._results] == [*own[1:], (recipe, seed_words(9), "train", "cpu")]
     before = len(counted)
     assert torch.equal(found(own[0])([0])["image"], image)
     assert len(counted) == before + 1
@@ -70,11 +70,11 @@ def test_one_too_large_stays_alone_and_their_number_is_bounded(recipe):
     own = keys(recipe, 4)
     kept, found = cache(0)
     found(own[0])([0])
-    assert [*kept._kept] == own[:1]
+    assert [*kept._results] == own[:1]
     few, found = cache(most=2)
     for key in own:
         found(key)
-    assert [*few._kept] == own[2:]
+    assert [*few._results] == own[2:]
     few.forget()
     assert not len(few)
 
