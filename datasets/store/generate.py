@@ -28,7 +28,7 @@ from specklegen.datasets.store.filling import GenerationError, Outcome, fill_sha
 from specklegen.datasets.store.info import info
 from specklegen.datasets.store.places import is_remote, place_of
 from specklegen.datasets.store.reading import SampleReader
-from specklegen.datasets.store.shards import DamagedShard, ForeignShard, MissingSample
+from specklegen.datasets.store.shards import DamagedShard, ForeignShard, MissingSample, UnlistedSample
 from specklegen.datasets.store.store import Store
 from specklegen.datasets.store.timing import processes_for
 from specklegen.datasets.workers import end_with_parent, prepare_worker, worker_context
@@ -121,7 +121,7 @@ def generate(
     with writing(store.folder):
         write_card(store)
     total = sum(len(store.span(shard)) for shard in shards)
-    require_own(store, [shard for shard in shards if shard not in set(missing)])
+    missing = sorted([*missing, *unlisted(store, [shard for shard in shards if shard not in set(missing)])])
     done = total - sum(len(store.span(shard)) for shard in missing)
     report = progress or (lambda done, total: None)
     report(done, total)
@@ -155,18 +155,25 @@ def generate(
     return info(store.folder, shards if parts > 1 else None) | {"rendered": rendered}
 
 
-def require_own(store: Store, shards: Sequence[int]) -> None:
-    """Refuse shards that the ledger lists and that hold something else: one sample of each is read, with its seal.
+def unlisted(store: Store, shards: Sequence[int]) -> list[int]:
+    """Check that listed shards hold what they should: read one sample of each, with its seal.
+
+    Returns
+    -------
+    list of int
+        Shards that the ledger lists no more: another process took them off meanwhile, to write them anew.
 
     Raises
     ------
     GenerationError
         Naming the first few, and the remedy.
     """
-    reader, foreign = SampleReader(store), []
+    reader, foreign, taken_off = SampleReader(store), [], []
     for shard in shards:
         try:
             reader.read(store.span(shard)[0])
+        except UnlistedSample:
+            taken_off.append(shard)
         except (ForeignShard, MissingSample) as error:
             foreign.append(f"shard {shard}: {error}")
         except DamagedShard:
@@ -174,6 +181,7 @@ def require_own(store: Store, shards: Sequence[int]) -> None:
     if foreign:
         shown = "\n".join(foreign[:5])
         raise GenerationError(f"{counted(len(foreign), 'shard')} not as the ledger of {store.folder} says.\n{shown}")
+    return taken_off
 
 
 def _part(shard_range: tuple[int, int]) -> tuple[int, int]:

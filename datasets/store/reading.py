@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.datasets.store.metadata import COLUMNS
-from specklegen.datasets.store.shards import ForeignShard, MissingSample
+from specklegen.datasets.store.shards import ForeignShard, MissingSample, UnlistedSample
 from specklegen.datasets.store.store import Store
 
 _TABLES = 4096
@@ -43,7 +43,7 @@ class SampleReader:
         Raises
         ------
         MissingSample
-            If it was not generated yet, or a file of it is gone.
+            If it was not generated yet (as UnlistedSample), or a file of it is gone.
         DamagedShard
             If bytes are not those that were written; as ForeignShard, if they were written for another data set or
             another sample.
@@ -78,7 +78,7 @@ class SampleReader:
         if len(self._valid) > _TABLES:
             self._valid.popitem(last=False)
         if not valid[row]:
-            raise MissingSample(
+            raise UnlistedSample(
                 f"sample {index} of {self.store.folder} has not been generated yet: run generate again, it goes on"
             )
 

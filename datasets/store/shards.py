@@ -31,6 +31,10 @@ class MissingSample(ToldError, LookupError):
     """A sample that the store does not hold."""
 
 
+class UnlistedSample(MissingSample):
+    """A sample that the ledger does not list: it was not generated yet, or another process is about to do it anew."""
+
+
 class DamagedShard(ToldError, OSError):
     """Bytes in a shard that differ from what was written."""
 

@@ -98,7 +98,7 @@ class Store:
     @cached_property
     def file_names(self) -> tuple[str, ...]:
         """Names of the files that objects are from, as they were when the store was begun; () where none are known."""
-        return file_names.read(self.folder)
+        return file_names.read(self.folder) if "file" in self.parameter_names else ()  # a missing file is waited for
 
     @property
     def shard_count(self) -> int:
