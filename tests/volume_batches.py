@@ -31,6 +31,15 @@ def oracle_batches(setup, paths, *, reverse, seed=2):
     return np.array([oracle.covariance(setup, paths, np.random.default_rng(s), reverse=reverse) for s in seeds])
 
 
+def oracle_parts(setup, paths, *, reverse, seed=2):
+    """The same, single and multiple scattering apart: complex128[64, 2, TV, TV]."""
+    found = np.zeros((BATCHES, 2, setup.pairs, setup.pairs), np.complex128)
+    for batch, words in zip(found, np.random.SeedSequence(seed).spawn(BATCHES), strict=True):
+        for some in oracle.contributions(setup, paths, np.random.default_rng(words), reverse=reverse):
+            batch[int(some.order > 1)] += (some.weight * some.amplitude) @ some.amplitude.conj().T / paths
+    return found
+
+
 def intensities(batches):
     """float64[64, TV], the diagonals."""
     return np.diagonal(batches, axis1=-2, axis2=-1).real
