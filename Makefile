@@ -4,13 +4,7 @@ PYTHON ?= python3
 TORCH ?= torch==2.13.0
 BIN = .venv/bin
 
-.PHONY: demo test quick lint speed docs linkcheck clean
-
-# Tests of values, of kernels and of the one program that draws: what most changes break.
-QUICK = tests/core tests/scene tests/instrument tests/kernels tests/theory tests/synthesis \
-	tests/planning/test_units.py tests/planning/test_before_allocation.py tests/test_closed_lists.py tests/test_scene_types.py \
-	tests/datasets/test_split.py tests/datasets/test_random_words.py tests/datasets/objects \
-	tests/datasets/loading/test_stream.py
+.PHONY: demo test check quick lint speed docs linkcheck clean
 
 # pip would compile every file of every package to bytecode, one after another, which takes longer than all else here;
 # Python compiles what it imports. A new environment's own pip takes 8 processor seconds to unpack and compile: where
@@ -37,11 +31,14 @@ QUICK = tests/core tests/scene tests/instrument tests/kernels tests/theory tests
 demo: .venv/installed  ## generate a small training set, stream it, leave pictures in demo/
 	$(BIN)/python scripts/demo.py --out demo
 
-test: .venv/installed-tests lint  ## lint, types, import contracts, then the tests
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
+test: .venv/installed-tests  ## lint, types and import contracts beside the tests
+	$(MAKE) --jobs 2 lint check
 
-quick: .venv/installed-tests  ## a selection of the tests, about three minutes on a quiet machine; first failure ends it
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile -x $(QUICK)
+check: .venv/installed-tests  ## the tests; each process begins at one end and takes over what the other has left
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
+
+quick: .venv/installed-tests  ## tests of the rooms that differ from main and of those that import them; first failure ends it
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal -x $$($(BIN)/python scripts/changed_rooms.py)
 
 lint: .venv/installed-tests
 	$(BIN)/ruff check .

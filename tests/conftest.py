@@ -2,6 +2,9 @@
 
 import os
 import signal
+import sys
+
+import pytest
 
 # A shell without job control starts background work with Ctrl-C ignored, and processes inherit that; the tests that
 # press it want it as in a terminal.
@@ -12,3 +15,14 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 _CACHE = os.environ.get("SPECKLEGEN_CACHE", "")
 if _CACHE != "off":
     os.environ["SPECKLEGEN_CACHE"] = "kernels:" + _CACHE.removeprefix("kernels:")
+
+# Without bytecode, each of the many processes that tests start would compile all modules anew, and pytest all tests.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
+
+def pytest_collection_modifyitems(items):
+    """Give long validations half a day in the place of the ten minutes of all other tests."""
+    for item in items:
+        if item.get_closest_marker("slow"):
+            item.add_marker(pytest.mark.timeout(12 * 3600))

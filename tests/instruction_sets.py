@@ -1,6 +1,7 @@
 """What another instruction set changes: outcomes of tests, last digits of samples, verdicts of the solver.
 
     python tests/instruction_sets.py tests/models tests/datasets/recipes/test_golden.py   # outcomes of these tests
+    python tests/instruction_sets.py --together tests/models   # under all settings at once, as on an older processor
     python tests/instruction_sets.py --measure                                            # samples and verdicts
 
 Libraries choose their code by the processor. Each setting below makes one of them choose as on an older one, in a
@@ -27,13 +28,18 @@ SETTINGS: dict[str, dict[str, str]] = {
     "MKL with AVX2": {"MKL_CBWR": "AVX2"},
 }
 """What is set in the environment, by its name; the first is what the others are compared with."""
+TOGETHER = "an older processor"
+"""All of them at once."""
 SAMPLES, IMAGES = 3, 24
 _ROOT = Path(__file__).resolve().parents[1]
 
 
 def run(setting: str, *command: str) -> int:
     """Exit status of a command of Python's under a setting, one thread."""
-    chosen = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(_ROOT)} | SETTINGS[setting]
+    asked = SETTINGS.values() if setting == TOGETHER else [SETTINGS[setting]]
+    chosen = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(_ROOT)}
+    for variables in asked:
+        chosen |= variables
     return subprocess.run([sys.executable, *command], env=chosen, cwd=_ROOT, check=False).returncode
 
 
@@ -134,13 +140,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tests", nargs="*", help="what pytest is to run; options after --")
     parser.add_argument("--others", action="store_true", help="leave out the processor as it is, tested already")
+    parser.add_argument("--together", action="store_true", help="one run under all settings at once")
     parser.add_argument("--measure", action="store_true", help="compare samples and verdicts instead")
     parser.add_argument("--write", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.write:
         write(asked.write)
         return 0
-    return compare_results() if asked.measure else compare_tests(asked.tests, list(SETTINGS)[int(asked.others) :])
+    if asked.measure:
+        return compare_results()
+    return compare_tests(asked.tests, [TOGETHER] if asked.together else list(SETTINGS)[int(asked.others) :])
 
 
 if __name__ == "__main__":

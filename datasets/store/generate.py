@@ -203,9 +203,7 @@ def _outcomes(run: Callable[..., Iterator[Outcome]], shards: list[int]) -> Gener
     yield from run(shards=taken, wait=True)
 
 
-def _run(
-    store: Store, recipe: Renderable, shards: list[int], processes: int, wait: bool
-) -> Iterator[Outcome]:
+def _run(store: Store, recipe: Renderable, shards: list[int], processes: int, wait: bool) -> Iterator[Outcome]:
     if min(processes, len(shards)) <= 1:
         yield from (fill_shard(store, recipe, shard, wait) for shard in shards)
         return
@@ -249,13 +247,9 @@ def _fill_here(shard: int, wait: bool) -> Outcome:
     return fill_shard(store, recipe, shard, wait)
 
 
-def _pooled(
-    store: Store, recipe: Renderable, shards: list[int], processes: int, wait: bool
-) -> Iterator[Outcome]:
+def _pooled(store: Store, recipe: Renderable, shards: list[int], processes: int, wait: bool) -> Iterator[Outcome]:
     require_importable(getattr(recipe, "own_classes", tuple)())
-    recipe.sample(
-        store.attributes["identity"]["seed"], store.attributes["identity"]["split"], 0
-    )  # compiles once
+    recipe.sample(store.seed, store.attributes["identity"]["split"], 0)  # compiles once
     pool = ProcessPoolExecutor(
         min(processes, len(shards)),
         mp_context=worker_context(),
