@@ -3,7 +3,7 @@
 What takes a tensor there for an array of NumPy raises, and so does an operator between it and a tensor of the host. The
 numbers are held by a tensor of the host that nobody else sees. Fused operators run in their form for the CPU.
 
-Importing this registers the device for the whole process: ``apart_runs.py`` has one for it.
+Importing this registers the device for the whole process: ``test_apart.py`` starts one for it.
 """
 
 import torch
