@@ -34,8 +34,22 @@ PATIENCE = 60
 HUGE = "9" * 5000
 WHOLE = ["-3", "0", "1", "2", "3", "7", "2.5", "x", "", "²", HUGE, "12345678901234567890", "-9223372036854775809"]
 REAL = ["-1", "0", "0.5", "1", "3", "nan", "inf", "-inf", "1e300", "1e-300", "1e400", "x", "", HUGE]
-WORDS = ["", "x", "auto", "camera", "stationary", "reflection", "png", "train", "validation", "dense", "²/3", "1/0",
-         "3/2", "1/3"]
+WORDS = [
+    "",
+    "x",
+    "auto",
+    "camera",
+    "stationary",
+    "reflection",
+    "png",
+    "train",
+    "validation",
+    "dense",
+    "²/3",
+    "1/0",
+    "3/2",
+    "1/3",
+]
 NAMES = ["through-slab", "tilt-stack", "two-tilts", "thruogh-slab", "unknown-slab"]
 FILES = [
     "good.toml", "pictures.toml", "deep.toml", "deep.json", "deep-keys.toml", "huge.toml", "hex.toml", "huge.json",

@@ -342,9 +342,7 @@ def verbs() -> Iterator[Call]:
         sg.memory_effect,
         {"medium": SLAB.replace(faces=sg.Faces(inside=1.4, outside=1.0)), "rel_error": 0.5} | effect,
     )
-    yield Call(
-        "joint_correlation", sg.joint_correlation, {"medium": SLAB, "shifts": [0.0, 1.0]} | effect | VERB
-    )
+    yield Call("joint_correlation", sg.joint_correlation, {"medium": SLAB, "shifts": [0.0, 1.0]} | effect | VERB)
     moved = {"medium": MOVING, "wavelength": 0.5, "lags": [0.0, 0.01]}
     yield Call("joint_correlation in time", sg.joint_correlation,
                moved | {"tilts": [0.0, 0.01], "shifts": [0.0, 1.0]} | VERB)  # fmt: skip
@@ -417,8 +415,15 @@ def others() -> Iterator[Call]:
         "materials.memory_range",
         materials.memory_range,
         {
-            "name": "intralipid", "wavelength": 0.633, "thickness": 500.0, "outside": (1.0, None), "unit": 1e-6,
-            "draws": 1, "paths": 300, "seed": 0, "lobe": None,
+            "name": "intralipid",
+            "wavelength": 0.633,
+            "thickness": 500.0,
+            "outside": (1.0, None),
+            "unit": 1e-6,
+            "draws": 1,
+            "paths": 300,
+            "seed": 0,
+            "lobe": None,
         },
         ("name",),
     )

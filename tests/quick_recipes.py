@@ -25,6 +25,10 @@ def packaged(which=lambda name: True):
     return [pytest.param(name, marks=pytest.mark.slow) if name in KIN else name for name in names]
 
 
+SMALLER = {"flow-vessel": {"camera": {"shape": [48, 48]}}, "refocus-stack": {"lens": {"planes": 2}}}
+"""Changes of recipes whose images take long: a quarter of the pixels or planes."""
+
+
 def few_paths(name, count=1000):
     """Changes after which a recipe's kernels take ``count`` paths; none for thin screens, which trace no paths."""
     traced = "kernel_paths" in type(load_recipe(name).material).model_fields
@@ -33,4 +37,4 @@ def few_paths(name, count=1000):
 
 def quick_recipe(name, count=1000, **changes):
     """A packaged recipe, changed; what is given takes the place of its changes."""
-    return load_recipe(name, {**few_paths(name, count), **changes})
+    return load_recipe(name, {**few_paths(name, count), **SMALLER.get(name, {}), **changes})

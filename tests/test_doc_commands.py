@@ -1,6 +1,6 @@
 """Every command that the pages print runs as it is printed, or says here why it does not.
 
-    pytest -m slow tests/test_doc_commands.py     # minutes each, in a folder of their own
+pytest -m slow tests/test_doc_commands.py     # minutes each, in a folder of their own
 """
 
 import os

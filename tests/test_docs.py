@@ -62,6 +62,7 @@ SHORTER = [
     ("monte_carlo_mean(layer, 4000, seed=0)", "monte_carlo_mean(layer, 8, seed=0)"),
     ("range(8)))", "range(2)))"),
     ("samples=128, folder", "samples=8, folder"),
+    ("paths=2000, seed=0, reverse=False)", "paths=50, seed=0, reverse=False)"),
 ]
 
 

@@ -1,14 +1,11 @@
 """Every public name has an example in its docstring, which runs and prints what it says."""
 
 import doctest
-import importlib
 import inspect
 
 import pytest
+from public_names import NAMES, public
 
-ROOMS = ("", ".datasets", ".models", ".coherence", ".instrument", ".wavetracing", ".fdtd")
-PACKAGES = [f"specklegen{name}" for name in ROOMS]
-NAMES = sorted({f"{package}.{name}" for package in PACKAGES for name in importlib.import_module(package).__all__})
 LONG = ("benchmark", "load_pretrained", "load_solver", "reconstruct_and_assess", "train")
 """These take seconds each."""
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
@@ -16,8 +13,7 @@ OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 def example(name: str) -> doctest.DocTest:
     """The example of a public name; its text need not begin at the left margin."""
-    package, _, last = name.rpartition(".")
-    text = inspect.getdoc(getattr(importlib.import_module(package), last)) or ""
+    text = inspect.getdoc(public(name)) or ""
     return doctest.DocTestParser().get_doctest(text, {"__name__": "__main__"}, name, None, 0)
 
 

@@ -1,6 +1,6 @@
 """Random scenes and recipes, valid and not: no crash, no NaN, no warning, no nonsense; a refusal names the field.
 
-    FUZZ_SEED=3 pytest -m slow tests/test_fuzz.py     # 11 700 others with each seed
+FUZZ_SEED=3 pytest -m slow tests/test_fuzz.py     # 11 700 others with each seed
 """
 
 import json
@@ -94,9 +94,7 @@ def test_any_scene_has_a_covariance_a_plan_and_an_image(count):
     @given(scene=scenes(), seed=st.integers(0, 2**32), reverse=st.sampled_from([True, False, "auto"]))
     def check(scene, seed, reverse):
         with strict():
-            found = result_or_refusal(
-                (ABSORBED,), lambda: sg.covariance(scene, paths=64, seed=seed, reverse=reverse)
-            )
+            found = result_or_refusal((ABSORBED,), lambda: sg.covariance(scene, paths=64, seed=seed, reverse=reverse))
             if found is not None:
                 assert_sensible(scene, found)
             plan = result_or_refusal((ABSORBED, DIM), lambda: sg.plan(scene, paths=16, reverse=reverse))

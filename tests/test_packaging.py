@@ -302,9 +302,7 @@ def test_type_checkers_see_the_package_from_another_folder(checkout, tmp_path):
     (tmp_path / "user.py").write_text(FEW_TYPES)
     paths = f'{{"include": ["user.py"], "extraPaths": ["{checkout / ".editable"}"], "venvPath": "{sys.prefix}/..", '
     (tmp_path / "pyrightconfig.json").write_text(paths + f'"venv": "{Path(sys.prefix).name}"}}')
-    done = subprocess.run(
-        [sys.executable, "-m", "pyright"], cwd=tmp_path, capture_output=True, text=True, timeout=300
-    )
+    done = subprocess.run([sys.executable, "-m", "pyright"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert '"Reconstructor" is not assignable to "int"' in done.stdout, done.stdout
     assert '"SpeckleStream" is not assignable to "str"' in done.stdout
     assert "2 errors" in done.stdout

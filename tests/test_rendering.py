@@ -115,7 +115,7 @@ def test_seeds_and_realizations_are_uncorrelated(sampler):
 @pytest.mark.parametrize(("medium", "rel_error"), [(slab(1.0), 0.3), (slab(5.0, 0.8), 0.5)])
 def test_the_promised_excess_correlation_is_kept(medium, rel_error):
     """Far-apart views have Cov(I1, I2)/(I1 I2) = Var w / (N (E w)^2) = expected_error^2 (docs/physics.md)."""
-    realizations = 6000
+    realizations = 3000
     made = sg.plan(sparse_scene(medium), rel_error=rel_error)
     assert made.expected_error < made.image_error <= rel_error * 1.0001
     paths = int(np.ceil(made.paths * (made.expected_error / rel_error) ** 2))  # that leave it between far-apart views

@@ -65,9 +65,7 @@ def run_engine(paths: int, seed: int) -> Result:
     theta = np.linspace(0, np.pi, 721)
     scatterer = sg.Tabulated(theta=theta, amplitude=CYLINDER.amplitude(theta))
     corner = (HALF, HALF)
-    medium = sg.Box(
-        lower=(-HALF, -HALF), upper=corner, mean_free_path=MEAN_FREE_PATH, albedo=1.0, scatterer=scatterer
-    )
+    medium = sg.Box(lower=(-HALF, -HALF), upper=corner, mean_free_path=MEAN_FREE_PATH, albedo=1.0, scatterer=scatterer)
     light = sg.PlaneWaves(directions=directions_of(np.deg2rad(LIGHT_DEG)))
     far = sg.FarField(directions=directions_of(np.deg2rad(VIEW_DEG)))
     result: Result = {"light_deg": LIGHT_DEG, "view_deg": VIEW_DEG}
@@ -182,9 +180,7 @@ def draw_mean_inside(placements: int, seed: int, workers: int | None, out: Path)
     half = 24.0
     monopole = Cylinder.resonant(CYLINDER.radius, order=0)
     gas = CylinderGas.with_mean_free_path(monopole, (-half, -half), (half, half), MEAN_FREE_PATH)
-    field = coherent_field(
-        gas, np.arange(1.0, 20.0), placements=placements, seed=seed, workers=workers, progress=True
-    )
+    field = coherent_field(gas, np.arange(1.0, 20.0), placements=placements, seed=seed, workers=workers, progress=True)
     (size, size_error), (phase, phase_error) = field.magnitude(), field.phase()
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.6), layout="constrained")
     left.errorbar(field.radii, size, size_error, fmt=".", label="wave solver")

@@ -17,9 +17,7 @@ def engine_batches(scene, paths, *, reverse, seed=1, parts=False):
     for b in range(BATCHES):
         bank = tracer.trace(seed, paths, first=b * paths, threads=1)
         once = single_amplitudes(tracer.layout, bank.single)
-        more = multiple_amplitudes(
-            tracer.layout, bank.multiple, bidirectional=tracer.bidirectional, reverse=reverse
-        )
+        more = multiple_amplitudes(tracer.layout, bank.multiple, bidirectional=tracer.bidirectional, reverse=reverse)
         found.append([a @ a.conj().T / paths for a in (once, more)])
     found = np.array(found)
     return found if parts else found.sum(axis=1)

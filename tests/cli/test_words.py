@@ -193,7 +193,7 @@ def test_a_slow_rate_is_not_none(rate, written):
 
 def test_two_calls_report_what_each_has_rendered(tmp_path):
     """Together the whole, and no more: what the other did is not counted."""
-    words = ["generate", "through-slab", "--out", "both.zarr", "--samples", "48", "--processes", "1", *SMALL]
+    words = ["generate", "through-slab", "--out", "both.zarr", "--samples", "32", "--processes", "1", *SMALL]
     calls = [
         subprocess.Popen(
             [sys.executable, "-m", "specklegen", *words], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
@@ -203,13 +203,13 @@ def test_two_calls_report_what_each_has_rendered(tmp_path):
     ]  # fmt: skip
     said = [call.communicate(timeout=300)[0] for call in calls]
     rendered = [int(text.partition("rendered ")[2].partition(" ")[0]) for text in said]
-    assert sum(rendered) == 48
-    assert all(text.startswith("48 of 48 samples") for text in said)
+    assert sum(rendered) == 32
+    assert all(text.startswith("32 of 32 samples") for text in said)
 
 
 def test_ctrl_c_says_that_the_store_goes_on(tmp_path):
     store = tmp_path / "long.zarr"
-    words = ["generate", "through-slab", "--out", str(store), "--samples", "20000", "--processes", "1", *SMALL]
+    words = ["generate", "through-slab", "--out", str(store), "--samples", "4000", "--processes", "1", *SMALL]
     call = subprocess.Popen(
         [sys.executable, "-m", "specklegen", *words], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
@@ -226,7 +226,7 @@ def test_ctrl_c_says_that_the_store_goes_on(tmp_path):
     assert "Traceback" not in told_last
 
 
-@pytest.mark.parametrize(("lines", "seed"), [(40, 0), pytest.param(600, 1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("lines", "seed"), [(24, 0), pytest.param(600, 1, marks=pytest.mark.slow)])
 def test_random_lines_end_in_an_answer_or_a_message(lines, seed):
     done = subprocess.run(
         [sys.executable, "tests/fuzz_command_line.py", "--lines", str(lines), "--seed", str(seed)], cwd=ROOT,

@@ -181,12 +181,8 @@ def test_all_modes_reproduce_the_direct_formula(sigma):
     G = circular(np.random.default_rng(2), 400, 51)
     direct = np.einsum("pj,jk,pk->p", G, W0, G.conj()).real
     eigenvalues, modes = coherent_modes(W0, energy=1)
-    np.testing.assert_allclose(
-        intensity_from_modes(G, modes, eigenvalues), direct, rtol=0, atol=1e-14 * direct.max()
-    )
-    np.testing.assert_allclose(
-        spectral_density(propagate_csd(G, W0)), direct, rtol=0, atol=1e-14 * direct.max()
-    )
+    np.testing.assert_allclose(intensity_from_modes(G, modes, eigenvalues), direct, rtol=0, atol=1e-14 * direct.max())
+    np.testing.assert_allclose(spectral_density(propagate_csd(G, W0)), direct, rtol=0, atol=1e-14 * direct.max())
 
 
 def test_fewer_modes_lose_the_share_that_was_asked():
@@ -259,13 +255,7 @@ def projections(W0):
     e = np.eye(len(W0))
     pairs = [(0, 1), (0, 4), (3, 9)]
     return np.array(
-        [
-            e[0],
-            e[5],
-            *(e[i] + e[j] for i, j in pairs),
-            *(e[i] + 1j * e[j] for i, j in pairs),
-            np.ones(len(W0)),
-        ]
+        [e[0], e[5], *(e[i] + e[j] for i, j in pairs), *(e[i] + 1j * e[j] for i, j in pairs), np.ones(len(W0))]
     )
 
 
@@ -355,9 +345,7 @@ def test_neighbouring_copula_fields_are_correlated():
     disc = np.hypot(across, across[:, None]) <= 16
     exact = np.sum(disc * np.cos(2 * math.pi * across / 64)) / disc.sum()
     assert exact == pytest.approx(0.72, abs=0.005)
-    pattern = sample_fields(gaussian_schell_model(line(51), 0.6), 64**2, "copula", seed=0)[:, 25].reshape(
-        64, 64
-    )
+    pattern = sample_fields(gaussian_schell_model(line(51), 0.6), 64**2, "copula", seed=0)[:, 25].reshape(64, 64)
     neighbours = np.mean(pattern * np.roll(pattern, -1, axis=1).conj())  # of unit phasors: no chance in it
     assert neighbours == pytest.approx(exact * np.exp(2j * math.pi * 15.5 / 64), rel=1e-12)
 
@@ -390,11 +378,7 @@ def test_modes_of_any_unit_of_power():
 
 @pytest.mark.parametrize(
     ("sigma", "turns", "message"),
-    [
-        (0.6, 0.29, "at least 0.3"),
-        (0.1, 0.9, "Use phase_turns of at least 1."),
-        (0.05, 1.0, "span at most pi"),
-    ],
+    [(0.6, 0.29, "at least 0.3"), (0.1, 0.9, "Use phase_turns of at least 1."), (0.05, 1.0, "span at most pi")],
 )
 def test_copula_refuses_phases_of_too_little_spread(sigma, turns, message):
     with pytest.raises(ValueError, match=message):

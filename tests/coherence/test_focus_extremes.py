@@ -8,16 +8,8 @@ import pytest
 from focus_of_rays import K, axial_focus, focus, profile, quadrature, source
 from scipy.special import hankel1e
 
-from specklegen.coherence.cross_spectral_density import (
-    propagate_csd,
-    spectral_degree_of_coherence,
-    spectral_density,
-)
-from specklegen.coherence.cylindrical_focus import (
-    AxialDetector,
-    GreensMatrix,
-    TransverseDetector,
-)
+from specklegen.coherence.cross_spectral_density import propagate_csd, spectral_degree_of_coherence, spectral_density
+from specklegen.coherence.cylindrical_focus import AxialDetector, GreensMatrix, TransverseDetector
 
 
 def test_full_coherence():
@@ -180,10 +172,7 @@ def test_physical_optics_survives_a_large_argument():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (
-            lambda: axial_focus(z=(-200.0, 1.0)),
-            "detector.z must be greater than -focal_length = -200; got -200.0.",
-        ),
+        (lambda: axial_focus(z=(-200.0, 1.0)), "detector.z must be greater than -focal_length = -200; got -200.0."),
         (
             lambda: AxialDetector(z=np.zeros(0), pixel_width=1),
             "AxialDetector.z must be a list of at least one distance",

@@ -19,12 +19,8 @@ from focus_of_rays import (
 )
 from scipy.stats import t as student
 
-from specklegen.coherence.cross_spectral_density import (
-    propagate_csd,
-)
-from specklegen.coherence.cylindrical_focus import (
-    CylindricalFocus,
-)
+from specklegen.coherence.cross_spectral_density import propagate_csd
+from specklegen.coherence.cylindrical_focus import CylindricalFocus
 
 SYSTEMS: dict[str, tuple[CylindricalFocus, Literal["uniform", "stratified"]]] = {
     "stratified": (focus(n_pixels=41), "stratified"),
@@ -38,12 +34,7 @@ RAYS, SEEDS = 4 * 41 * 51, 64  # 4 rays an entry
 def many_runs(request):
     system, sampling = SYSTEMS[request.param]
     runs = [system.monte_carlo(RAYS, sampling, seed=seed, calibrated=False) for seed in range(SEEDS)]
-    return (
-        system,
-        sampling,
-        np.array([run.value for run in runs]),
-        np.array([run.standard_error for run in runs]),
-    )
+    return (system, sampling, np.array([run.value for run in runs]), np.array([run.standard_error for run in runs]))
 
 
 def amplitudes(values, mean):
@@ -68,10 +59,7 @@ def test_the_test_of_bias_has_power():
     system, sampling = SYSTEMS["stratified"]
     mean, _ = quadrature(system, sampling)
     limit = student.isf(FALSE_ALARM / 4, SEEDS - 1)
-    for wrong in (
-        focus(n_pixels=41, half_width=2.5 * 1.005),
-        system.replace(focal_length=200.4),
-    ):
+    for wrong in (focus(n_pixels=41, half_width=2.5 * 1.005), system.replace(focal_length=200.4)):
         values = np.array([wrong.monte_carlo(RAYS, seed=s, calibrated=False).value for s in range(SEEDS)])
         assert np.abs(t_values(amplitudes(values, mean), [1, 0])).max() > limit
 
@@ -83,9 +71,7 @@ def test_variance_and_standard_error(many_runs):
     rays_a_mean = RAYS / (system.n_source * (1 if sampling == "uniform" else mean.shape[0]))
     scatter = np.sum(np.abs(values - mean) ** 2, axis=(1, 2)) * rays_a_mean / variance.sum()
     # An entry that no ray reached says inf; its sample variance is 0, and counts as such in the mean.
-    claimed = (
-        np.sum(np.where(np.isfinite(errors), errors, 0) ** 2, axis=(1, 2)) * rays_a_mean / variance.sum()
-    )
+    claimed = np.sum(np.where(np.isfinite(errors), errors, 0) ** 2, axis=(1, 2)) * rays_a_mean / variance.sum()
     limit = student.isf(FALSE_ALARM / 4, SEEDS - 1)
     assert abs(t_values(scatter, 1)) < limit
     assert abs(t_values(claimed, 1)) < limit
@@ -93,9 +79,7 @@ def test_variance_and_standard_error(many_runs):
     np.testing.assert_array_equal(np.isinf(errors), values == 0)
 
 
-@pytest.mark.parametrize(
-    ("sampling", "law", "tolerance"), [("uniform", 101.0, 1.5), ("stratified", 4.83, 0.2)]
-)
+@pytest.mark.parametrize(("sampling", "law", "tolerance"), [("uniform", 101.0, 1.5), ("stratified", 4.83, 0.2)])
 def test_error_law(sampling, law, tolerance):
     """||G - E[G]|| / ||E[G]|| = law / sqrt(rays) for 201 pixels and 51 elements."""
     system = focus()
@@ -127,9 +111,7 @@ def test_calibrated_run_is_the_calibrated_mean():
     bare = system.monte_carlo(10_000, seed=5, calibrated=False)
     full = system.monte_carlo(10_000, seed=5)
     np.testing.assert_allclose(full.value, calibration(system) * bare.value, rtol=1e-14)
-    np.testing.assert_allclose(
-        full.standard_error, np.abs(calibration(system)) * bare.standard_error, rtol=1e-14
-    )
+    np.testing.assert_allclose(full.standard_error, np.abs(calibration(system)) * bare.standard_error, rtol=1e-14)
 
 
 @pytest.mark.parametrize(("sigma", "raw_error"), [(0.4, 0.0164), (0.1, 0.0534)])
@@ -145,8 +127,7 @@ def test_without_calibration_the_axial_profile_is_wrong(sigma, raw_error):
 
 
 @pytest.mark.parametrize(
-    ("sigma", "averaging"),
-    [(2, 1.1e-4), (1, 1.1e-4), (0.6, 2.3e-4), (0.4, 6e-4), (0.2, 2.5e-3), (0.1, 5.1e-3)],
+    ("sigma", "averaging"), [(2, 1.1e-4), (1, 1.1e-4), (0.6, 2.3e-4), (0.4, 6e-4), (0.2, 2.5e-3), (0.1, 5.1e-3)]
 )
 def test_profile_from_stratified_rays(sigma, averaging):
     """Averaging over pixel and element (just above the measured), and 1e6 rays about that mean."""

@@ -28,11 +28,7 @@ from specklegen.coherence.cross_spectral_density import (
     sample_fields,
     spectral_density,
 )
-from specklegen.coherence.cylindrical_focus import (
-    AxialDetector,
-    TransverseDetector,
-    flux_weighted_csd,
-)
+from specklegen.coherence.cylindrical_focus import AxialDetector, TransverseDetector, flux_weighted_csd
 
 # sigma_g / a: S(x)/S(0) and Re mu(0, x) at PIXELS, half width at half maximum, x of the first
 # |mu| < 0.5; the same along the axis, with |mu| (frozen, by an independent program)
@@ -57,21 +53,9 @@ TRANSVERSE = {
     ),
 }
 AXIAL = {
-    2: (
-        [0.9129, 0.7015, 0.2419, 0.0871, 0.1247, 0.1087],
-        [0.9999, 0.9996, 0.9974, 0.9955, 0.9994, 0.9993],
-        4.196,
-    ),
-    0.6: (
-        [0.9342, 0.7739, 0.3952, 0.2030, 0.1723, 0.1477],
-        [0.9932, 0.9721, 0.8814, 0.8305, 0.9347, 0.9369],
-        5.086,
-    ),
-    0.2: (
-        [0.9782, 0.9276, 0.7707, 0.5965, 0.4531, 0.3532],
-        [0.9722, 0.8934, 0.6422, 0.4670, 0.5314, 0.5740],
-        10.91,
-    ),
+    2: ([0.9129, 0.7015, 0.2419, 0.0871, 0.1247, 0.1087], [0.9999, 0.9996, 0.9974, 0.9955, 0.9994, 0.9993], 4.196),
+    0.6: ([0.9342, 0.7739, 0.3952, 0.2030, 0.1723, 0.1477], [0.9932, 0.9721, 0.8814, 0.8305, 0.9347, 0.9369], 5.086),
+    0.2: ([0.9782, 0.9276, 0.7707, 0.5965, 0.4531, 0.3532], [0.9722, 0.8934, 0.6422, 0.4670, 0.5314, 0.5740], 10.91),
 }
 
 
@@ -97,9 +81,7 @@ def test_axial_table(sigma):
     S, mu = profile(measured_csd(system, sigma))
     np.testing.assert_allclose(S[DISTANCES], S_table, atol=6e-5)
     np.testing.assert_allclose(np.abs(mu)[DISTANCES], mu_table, atol=6e-5)
-    assert crossing(system.detector.z, S, 0.5) == pytest.approx(
-        half_width, abs=5.1e-3 if sigma == 0.2 else 6e-4
-    )
+    assert crossing(system.detector.z, S, 0.5) == pytest.approx(half_width, abs=5.1e-3 if sigma == 0.2 else 6e-4)
 
 
 # Independent routes, for every coherence length
@@ -121,12 +103,7 @@ def debye_csd(x, sigma, nodes=200):
 @pytest.mark.parametrize(
     ("half_aperture", "n_source", "S_error", "mu_error"),
     [
-        (
-            15803.0,
-            801,
-            5e-7,
-            5e-5,
-        ),  # a = 1 cm at 632.8 nm; measured 4.4e-7 and 4.3e-5, O(lambda / a) and 801 points
+        (15803.0, 801, 5e-7, 5e-5),  # a = 1 cm at 632.8 nm; measured 4.4e-7 and 4.3e-5, O(lambda / a) and 801 points
         (15803.0, 51, 1.2e-4, 5e-4),  # the 51 points of the paper: 1.1e-4, 4.5e-4
         (100.0, 51, 1.5e-4, None),  # mu has the curvature of a wave front of radius f, which Debye has not
     ],

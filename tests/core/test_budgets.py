@@ -41,10 +41,7 @@ def test_the_count_comes_from_the_scene_alone_so_stopping_cannot_bias():
     assert len({run.paths for run in runs}) == 1
     means = np.array([run.intensity for run in runs])
     reference = sg.covariance(SCENE, paths=60_000, seed=99)
-    error = np.hypot(
-        means.std(axis=0, ddof=1) / 6,
-        reference.standard_error.reshape(4, 4).diagonal().reshape(2, 2),
-    )
+    error = np.hypot(means.std(axis=0, ddof=1) / 6, reference.standard_error.reshape(4, 4).diagonal().reshape(2, 2))
     assert_z(means.mean(axis=0), reference.intensity, error, degrees=35)
 
 
@@ -61,8 +58,8 @@ def test_a_count_found_by_a_budget_reproduces_the_bits():
 
 def test_time_limits_what_an_error_asks_for():
     assert sg.covariance(SCENE, rel_error=1e-4, seconds=0.2).paths < 1e6
-    few = sg.covariance(SCENE, rel_error=0.3, seconds=60.0)
-    assert few.paths == sg.covariance(SCENE, rel_error=0.3).paths
+    few = sg.covariance(SCENE, rel_error=0.5, seconds=60.0)
+    assert few.paths == sg.covariance(SCENE, rel_error=0.5).paths
 
 
 def test_paths_scale_with_the_square_of_the_error():

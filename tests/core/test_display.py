@@ -1,12 +1,11 @@
 """Display of results: a line, a table of facts, a picture; no arrays in full, and no address."""
 
 import base64
-import importlib
 import io
 import re
 import subprocess
 import sys
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from xml.etree import ElementTree
 
 import numpy as np
@@ -15,6 +14,7 @@ import torch
 from fake_recipe import FakeRecipe
 from matplotlib.figure import Figure
 from PIL import Image
+from public_names import RESULTS, TYPES
 from scenes import ROOT
 from small_stores import make
 
@@ -205,15 +205,6 @@ def test_a_store_shows_what_is_there_already(tmp_path):
     assert cache.facts()["samples"] == "3"
 
 
-ROOMS = ("datasets", "models", "fdtd", "coherence", "instrument", "wavetracing")
-PACKAGES = ("specklegen", *(f"specklegen.{name}" for name in ROOMS))
-PUBLIC = [
-    kind
-    for package in PACKAGES
-    for kind in (getattr(importlib.import_module(package), name) for name in importlib.import_module(package).__all__)
-    if isinstance(kind, type)
-]
-RESULTS = [kind for kind in PUBLIC if is_dataclass(kind) or hasattr(kind, "_fields")]
 IN_WORDS = (sg.Plan, sg.Advice, PhotographVerdict)
 """Results that hold no arrays of their own and say themselves in a sentence."""
 UNPICTURED = {
@@ -255,7 +246,7 @@ def test_a_result_of_many_numbers_shows_none_of_them(kind):
 
 
 def test_nothing_public_shows_an_address():
-    kinds = [kind for kind in PUBLIC if not getattr(kind, "_is_protocol", False)]
+    kinds = [kind for kind in TYPES if not getattr(kind, "_is_protocol", False)]
     assert not [kind for kind in kinds if kind.__repr__ is object.__repr__]
 
 
@@ -301,7 +292,6 @@ def test_without_matplotlib_there_is_still_a_table():
     assert "<img" not in done.stdout
 
 
-
 def test_tensors_are_shown_as_arrays_are():
     assert repr(Periodogram(torch.zeros(2, 4, 3), torch.zeros(2), 1.0, (4, 4))) == (
         "Periodogram(power=float32[2, 4, 3], noise=float32[2], looks=1, shape=(4, 4), lowest=0)"
@@ -313,8 +303,7 @@ def test_data_sets_say_what_they_are(tmp_path):
     make(tmp_path / "a.zarr", samples=3)
     length = len(stream)
     assert repr(stream) == (
-        f"SpeckleStream(recipe='fake', seed=0, split='train', batches={length}, batch_size=4, epoch=0, "
-        "device='cpu')"
+        f"SpeckleStream(recipe='fake', seed=0, split='train', batches={length}, batch_size=4, epoch=0, device='cpu')"
     )
     cache = SpeckleCache(tmp_path / "a.zarr")
     assert repr(cache) == (

@@ -8,12 +8,12 @@ import pytest
 import torch
 from fake_recipe import assert_same
 from forgotten import forget
-from quick_recipes import packaged, quick_recipe
+from quick_recipes import quick_recipe
 
 import specklegen as sg
 from specklegen.core.parallel import one_blas_thread
 from specklegen.core.shielded import shielded, shielded_steps
-from specklegen.datasets import SpeckleStream
+from specklegen.datasets import SpeckleStream, recipe_names
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 
 
@@ -152,7 +152,13 @@ def sampled(name, index=3):
     return quick_recipe(name).sample(0, "train", index)
 
 
-@pytest.mark.parametrize("name", packaged())
+QUICK = ("unknown-slab", "tilt-stack", "ground-glass", "refocus-stack", "lsci-slab", "polarised-tissue")
+"""One of each way of drawing."""
+
+
+@pytest.mark.parametrize("name", [
+    name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in recipe_names()
+])  # fmt: skip
 def test_samples_of_all_recipes_are_the_same_under_all_contexts(name):
     expected = sampled(name)
     with contextlib.ExitStack() as stack:

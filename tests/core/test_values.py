@@ -110,10 +110,7 @@ REFUSED = {
         lambda: voxels(extinction=[[1.0, -1.0]]),
         ["VoxelGrid.extinction", "at least 0", "-1.0"],
     ),
-    "voxels of too many axes": (
-        lambda: voxels(extinction=[[[1.0]]]),
-        ["VoxelGrid.extinction", "2 axes", "(1, 1, 1)"],
-    ),
+    "voxels of too many axes": (lambda: voxels(extinction=[[[1.0]]]), ["VoxelGrid.extinction", "2 axes", "(1, 1, 1)"]),
     "voxels of an unknown material": (
         lambda: voxels(material=[[0.0, 2.0]]),
         ["VoxelGrid.material", "from 0 to 0", "2.0"],
@@ -142,10 +139,7 @@ REFUSED = {
         lambda: sg.CollimatedBeams.tilts([0.0], width=1.0, profile="round"),  # type: ignore[arg-type]
         ["CollimatedBeams.profile", "'square', 'disc' or 'gaussian'", "'round'"],
     ),
-    "dark object": (
-        lambda: object_scene(brightness=[[-1.0]]),
-        ["IncoherentObject.brightness", "at least 0", "-1.0"],
-    ),
+    "dark object": (lambda: object_scene(brightness=[[-1.0]]), ["IncoherentObject.brightness", "at least 0", "-1.0"]),
     "object of one axis": (
         lambda: object_scene(brightness=[1.0, 2.0]),
         ["IncoherentObject.brightness", "(h, w)", "(2,)"],

@@ -180,9 +180,7 @@ CONTEXTS = {
     "silence": lambda: np.errstate(all="ignore"),
     "double": switched(torch.get_default_dtype, torch.set_default_dtype, torch.float64),
     "half": switched(torch.get_default_dtype, torch.set_default_dtype, torch.bfloat16),
-    "deterministic": switched(
-        torch.are_deterministic_algorithms_enabled, torch.use_deterministic_algorithms, True
-    ),
+    "deterministic": switched(torch.are_deterministic_algorithms_enabled, torch.use_deterministic_algorithms, True),
     "two threads": switched(torch.get_num_threads, torch.set_num_threads, 2),
     "OpenMP told alone": openmp_told_alone,
     "coarse": switched(torch.get_float32_matmul_precision, torch.set_float32_matmul_precision, "medium"),
@@ -190,7 +188,8 @@ CONTEXTS = {
         lambda: torch.backends.mkldnn.enabled, lambda value: torch.backends.mkldnn.set_flags(value), False
     ),
     "other order of products": switched(
-        lambda: torch.backends.opt_einsum.enabled, lambda value: setattr(torch.backends.opt_einsum, "enabled", value),
+        lambda: torch.backends.opt_einsum.enabled,
+        lambda value: setattr(torch.backends.opt_einsum, "enabled", value),
         False,
     ),
     "short buffers": switched(np.getbufsize, np.setbufsize, 16),
@@ -484,6 +483,8 @@ def kept_without_the_seed():
 
 
 bytes_of = pickle.dumps
+
+
 def opened_anew(self, state):
     """Unpickle a cache that reads whatever is there now."""
     self.__dict__.update(state)

@@ -317,8 +317,8 @@ def test_reported_errors_cover_the_true_ones():
 
 def test_a_reported_error_that_is_wrong_is_caught():
     sampler = next(s for s in SAMPLERS if s.name == "stationary")
-    right, _ = calibration.sampler_scores(sampler, "transmission-g0-od1", 2048, 200)
-    wrong, _ = calibration.sampler_scores(sampler, "transmission-g0-od1", 2048, 200, factor=0.7)
+    right, _ = calibration.sampler_scores(sampler, "transmission-g0-od1", 2048, 100)
+    wrong, _ = calibration.sampler_scores(sampler, "transmission-g0-od1", 2048, 100, factor=0.7)
     assert right.passed
     assert not wrong.passed
 

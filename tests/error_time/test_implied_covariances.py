@@ -31,9 +31,7 @@ def literal_orders(scene: sg.Scene, probes: Probes, paths: int) -> np.ndarray:
 def test_single_scattering_is_that_of_algorithm_3_and_its_error_what_it_leaves_out():
     scene = sg.Scene(
         wavelength=1.0,
-        medium=sg.Box(
-            lower=(-5.0, -5.0), upper=(5.0, 5.0), mean_free_path=10.0, scatterer=sg.HenyeyGreenstein(g=0.5)
-        ),
+        medium=sg.Box(lower=(-5.0, -5.0), upper=(5.0, 5.0), mean_free_path=10.0, scatterer=sg.HenyeyGreenstein(g=0.5)),
         illumination=sg.PlaneWaves.tilts(np.deg2rad([0.0, 2.0]), dimensions=2),
         sensor=sg.FarField.angles(np.deg2rad([20.0, 22.0, 80.0, 82.0])),
     )

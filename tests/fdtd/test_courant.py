@@ -60,9 +60,7 @@ def test_the_eigen_limit_is_sharp():
     limit = courant_limit(kappa, "eigen")
     assert late_growth(kappa, limit * 0.9999, 20_000)[1] < 1e-10
     assert late_growth(kappa, limit * 1.0001, 8_000)[1] > 1
-    assert (
-        late_growth(kappa, 1.0, 1_000)[1] > 1
-    )  # S = 1 in the background is never legal for a zero-mean index
+    assert late_growth(kappa, 1.0, 1_000)[1] > 1  # S = 1 in the background is never legal for a zero-mean index
 
 
 def test_index_below_one_needs_a_reduced_courant_number():

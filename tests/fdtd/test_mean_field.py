@@ -57,9 +57,7 @@ def test_beers_law_in_its_regime_only():
     assert not slab.valid
     assert "thinner than 20 correlation lengths" in slab.reason
     assert abs(measured - slab.optical_depth) > 5 * error
-    assert slab.optical_depth_of_layer == pytest.approx(
-        coherent_transmission(screen, WAVELENGTH).optical_depth
-    )
+    assert slab.optical_depth_of_layer == pytest.approx(coherent_transmission(screen, WAVELENGTH).optical_depth)
 
 
 def test_finite_layer_tends_to_beers_law():
@@ -88,9 +86,7 @@ def test_coefficients_by_quadrature():
     u, c = np.arange(4000) * 0.001, moments.second - moments.mean**2
     slab = equivalent_slab(layer, WAVELENGTH)
     assert slab.forward_coefficient == pytest.approx(k**2 / 2 * np.trapezoid(c, u), rel=1e-4)
-    assert slab.backward_coefficient == pytest.approx(
-        k**2 / 2 * np.trapezoid(c * np.cos(2 * k * u), u), rel=1e-3
-    )
+    assert slab.backward_coefficient == pytest.approx(k**2 / 2 * np.trapezoid(c * np.cos(2 * k * u), u), rel=1e-3)
 
 
 def test_extremes():
@@ -103,9 +99,7 @@ def test_extremes():
     assert math.isinf(uniform.optical_depth)
     strong = equivalent_slab(RandomLayer(correlation_length=0.02, rms_index=0.2), WAVELENGTH)
     assert "rms_index above" in strong.reason
-    one = coherent_transmission(
-        RandomLayer(correlation_length=1), WAVELENGTH, "transfer_matrix", n_realizations=1
-    )
+    one = coherent_transmission(RandomLayer(correlation_length=1), WAVELENGTH, "transfer_matrix", n_realizations=1)
     assert math.isnan(one.standard_error)
 
 
@@ -125,6 +119,4 @@ def test_bad_input_is_refused():
     with pytest.raises(ValueError, match="method must be one of"):
         coherent_transmission(RandomLayer(correlation_length=1), WAVELENGTH, "guess")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="n_realizations must be at least 1"):
-        coherent_transmission(
-            RandomLayer(correlation_length=1), WAVELENGTH, "transfer_matrix", n_realizations=0
-        )
+        coherent_transmission(RandomLayer(correlation_length=1), WAVELENGTH, "transfer_matrix", n_realizations=0)

@@ -3,21 +3,11 @@
 import numpy as np
 import pytest
 
-from specklegen.fdtd import (
-    Pulse,
-    RandomLayer,
-    illuminate,
-    monte_carlo_mean,
-    single_realization,
-    transfer_matrix,
-    yee,
-)
+from specklegen.fdtd import Pulse, RandomLayer, illuminate, monte_carlo_mean, single_realization, transfer_matrix, yee
 
 LAYER = RandomLayer(correlation_length=0.1, n_points=300)
 PULSE = Pulse(duration=0.5, delay=5.0)  # begins at 1e-11 of its peak
-ROOT_ROUNDING = 2 * np.sqrt(
-    np.finfo(float).eps
-)  # of a variance that is a difference of squares, where it is small
+ROOT_ROUNDING = 2 * np.sqrt(np.finfo(float).eps)  # of a variance that is a difference of squares, where it is small
 SIDES = ("back", "forward", "back_error", "forward_error")
 
 
@@ -83,12 +73,7 @@ def test_the_transform_is_long_enough():
 @pytest.mark.filterwarnings("ignore:.*order not valid")
 @pytest.mark.parametrize(
     ("modulated", "lc", "back", "forward"),
-    [
-        (True, 0.02, 0.048, 0.0099),
-        (True, 0.5, 0.649, 0.066),
-        (True, 3.0, 2.84, 0.183),
-        (False, 3.0, 0.0152, 0.0031),
-    ],
+    [(True, 0.02, 0.048, 0.0099), (True, 0.5, 0.649, 0.066), (True, 3.0, 2.84, 0.183), (False, 3.0, 0.0152, 0.0031)],
 )
 def test_table_of_marched_brute_force(modulated, lc, back, forward):
     """4000 marches against one march with the mean currents of the same media; 50 % back, 10 % forward.

@@ -40,9 +40,7 @@ def test_phase_variance_closed_form():
         # the grid sums what the closed form integrates: (dx/L_c)^2/12 apart
         assert phase_variance(layer, REFERENCE_K0) == pytest.approx(closed, rel=5e-4)
     for lc, quarter in ((0.02, 0.0029), (0.5, 0.0617), (3, 0.1634), (1000, 0.2220)):
-        assert phase_variance(RandomLayer(correlation_length=lc), REFERENCE_K0) / 4 == pytest.approx(
-            quarter, rel=0.02
-        )
+        assert phase_variance(RandomLayer(correlation_length=lc), REFERENCE_K0) / 4 == pytest.approx(quarter, rel=0.02)
 
 
 def test_stationary_sums_are_the_full_sums():
@@ -55,10 +53,7 @@ def test_stationary_sums_are_the_full_sums():
     assert rel(out_of_phase(full, theta), out_of_phase(stationary, theta)) < 1e-13
     literal = np.array(
         [
-            [
-                sum(full.second[m, k] * np.exp(-2j * th * (k - m)) for k in range(m + 1, 150))
-                for m in range(150)
-            ]
+            [sum(full.second[m, k] * np.exp(-2j * th * (k - m)) for k in range(m + 1, 150)) for m in range(150)]
             for th in theta
         ]
     )
@@ -103,8 +98,7 @@ def test_out_of_phase_current_is_the_direct_sum_over_delays():
     a = in_phase(moments)
     direct = np.stack(
         [
-            a[m] * at(m)
-            + sum((moments.second[k - m] * at(m + 2 * (k - m)) for k in range(m + 1, n)), 0 * drive)
+            a[m] * at(m) + sum((moments.second[k - m] * at(m + 2 * (k - m)) for k in range(m + 1, n)), 0 * drive)
             for m in range(0, n, 20)
             if m + 2 * (n - m) <= 2 * n
         ]
@@ -179,9 +173,7 @@ def test_single_delay_works_for_short_correlation_only():
         medians.append(np.median(fit.error[:-1]))
         back, _ = radiated(mean_polarisation(layer.moments(), incidence.theta, 2), incidence.theta)
         replaced = mean_polarisation(layer.moments(), incidence.theta, 2, fit.out_of_phase(incidence.omega))
-        field_errors.append(
-            rel(np.sqrt(power) * radiated(replaced, incidence.theta)[0], np.sqrt(power) * back)
-        )
+        field_errors.append(rel(np.sqrt(power) * radiated(replaced, incidence.theta)[0], np.sqrt(power) * back))
         assert fit.error[-1] == 0  # nothing lies beyond the last cell
     assert medians == sorted(medians)
     assert medians[0] < 0.02

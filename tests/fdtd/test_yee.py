@@ -119,11 +119,7 @@ def slab_errors(dx):
     r, t = transfer_matrix(np.full(cells, (1.6 / 1.45) ** 2 - 1), k0 * dx, 1 / 1.45)
     exact_r, exact_t = slab_fresnel(1.6, 1.45, 3.0, k0)
     at_first_node = np.exp(1j * k0 * 1.45 * dx)  # the face is half a cell before the first node
-    return (
-        rel(r, exact_r * at_first_node),
-        rel(t, exact_t),
-        np.abs(np.abs(r) ** 2 - np.abs(exact_r) ** 2).max(),
-    )
+    return (rel(r, exact_r * at_first_node), rel(t, exact_t), np.abs(np.abs(r) ** 2 - np.abs(exact_r) ** 2).max())
 
 
 def test_slab_converges_to_fresnel_at_second_order():

@@ -43,14 +43,7 @@ CAMERAS = {
     "dark": Camera(photons=100, dark_current=2, exposure=4, bit_depth=None),
     "gain": Camera(photons=100, gain=0.4, offset=10, bit_depth=None),
     "all": Camera(
-        photons=300,
-        background=5,
-        dark_current=3,
-        exposure=0.5,
-        read_noise=2,
-        gain=1.7,
-        offset=50,
-        bit_depth=12,
+        photons=300, background=5, dark_current=3, exposure=0.5, read_noise=2, gain=1.7, offset=50, bit_depth=12
     ),
 }
 
@@ -73,14 +66,7 @@ def test_stated_noise_is_that_of_the_photon_transfer_curve():
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [
-        {"gain": 1.7 * 1.01},
-        {"read_noise": 2.7},
-        {"background": 5.3},
-        {"dark_current": 3.5},
-        {"photons": 300.5},
-    ],
+    "wrong", [{"gain": 1.7 * 1.01}, {"read_noise": 2.7}, {"background": 5.3}, {"dark_current": 3.5}, {"photons": 300.5}]
 )
 def test_the_photon_transfer_test_has_power(wrong):
     """A 1 % error in the gain, and small ones elsewhere, must be caught at one of the levels."""
@@ -99,9 +85,7 @@ def photon_transfer_slope(gain):
     """Slope of variance on mean with its standard error, least squares weighted by the variances' errors."""
     camera = Camera(photons=1000, read_noise=5, gain=gain, offset=100)
     levels = np.linspace(0.1, 2, 8)
-    flats = [
-        expose(camera, level * FLAT, NoiseStreams.of((3, n))).astype(float) for n, level in enumerate(levels)
-    ]
+    flats = [expose(camera, level * FLAT, NoiseStreams.of((3, n))).astype(float) for n, level in enumerate(levels)]
     means, variances = np.mean(flats, axis=(1, 2)), np.var(flats, axis=(1, 2))
     weights = FLAT.size / (2 * variances**2)
     centred = means - np.average(means, weights=weights)
@@ -245,9 +229,7 @@ def test_another_substream_redraws_its_own_noise(name):
 def test_streams_of_different_seeds_differ():
     seeds = [0, 1, (0, 0), (1, 0), (0, 1), 2**32, 2**40]
     states = {
-        tuple(np.random.SeedSequence(words).generate_state(4))
-        for seed in seeds
-        for words in NoiseStreams.of(seed)
+        tuple(np.random.SeedSequence(words).generate_state(4)) for seed in seeds for words in NoiseStreams.of(seed)
     }
     assert len(states) == 4 * len(seeds)
 
@@ -283,10 +265,7 @@ def test_pixels_average_over_their_points():
         (lambda: Camera(photons=0), r"Camera\.photons must be greater than 0"),
         (lambda: Camera(photons=1, read_noise=-1), r"Camera\.read_noise must be at least 0"),
         (lambda: Camera(photons=1, bit_depth=17), r"Camera\.bit_depth must be at most 16"),
-        (
-            lambda: Camera(photons=1, bit_depth=8, offset=255),
-            r"Camera\.offset must be below the largest count",
-        ),
+        (lambda: Camera(photons=1, bit_depth=8, offset=255), r"Camera\.offset must be below the largest count"),
         (lambda: Camera(photons=1, oversampling=0), r"Camera\.oversampling must be at least 1"),
         (lambda: expose(Camera(photons=1), -FLAT, STREAMS), "expose image must be finite and at least 0"),
         (lambda: expose(Camera(photons=1), FLAT * np.nan, STREAMS), "expose image must be finite"),

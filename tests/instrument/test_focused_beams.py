@@ -207,14 +207,14 @@ def test_a_confocal_scan_sees_what_scatters_in_focus():
     waves = weights[:, None] * np.exp(1j * K * grid[:, :2] @ foci[:, :2].T)
     kept = np.abs(weights) > 1e-9 * np.abs(weights).max()
     for n in range(12):
-        bank = tracer.trace(n, 1500).single
+        bank = tracer.trace(n, 600).single
         near = np.hypot(*bank.entry[:, :2].T) < 10
         bank = bank.select(near)
         light = entrance_factors(tracer.layout, bank, seen.illumination.amplitudes(1.0))
         views = grid[kept]
         far = np.exp(-1j * K * (views - [0, 0, -1]) @ bank.exit.T - sigma / 2 * bank.exit[:, 2] / np.abs(views[:, 2:]))
         images = waves[kept].T @ far
-        batches.append((bank.weight * np.square(np.abs(light * images))).sum() / 9 / 1500 / (4 * np.pi))
+        batches.append((bank.weight * np.square(np.abs(light * images))).sum() / 9 / 600 / (4 * np.pi))
     assert len(sines[0]) == made.lens.grid.shape[0]
     places, cells = _nodes(depth, thickness)
     lit = np.square(np.abs(gaussian_focus(places, np.array([0.0, 0.0, depth]), WAIST, 1.0)))

@@ -42,9 +42,7 @@ def exact_correlation(setup, aperture, sources, pixels, points=160):
     """|C|**2 of the patterns of two points at two pixels behind a thin layer: midpoint rule over D x D."""
     line = ((np.arange(points) + 0.5) / points - 0.5) * aperture
     x, y = np.meshgrid(line, line)
-    difference = exact_phase(setup, x, y, sources[1], pixels[1]) - exact_phase(
-        setup, x, y, sources[0], pixels[0]
-    )
+    difference = exact_phase(setup, x, y, sources[1], pixels[1]) - exact_phase(setup, x, y, sources[0], pixels[0])
     return abs(np.exp(1j * (difference - difference.mean())).mean()) ** 2
 
 
@@ -85,13 +83,7 @@ LABORATORIES = {
     "coma": EXAMPLE,
     "defocus over a large camera": {**EXAMPLE, "pixels": (1200, 1200), "pixel_pitch": 0.01, "aperture": 0.5},
     "equal distances": {**EXAMPLE, "camera_distance": 100.0, "object_extent": 4.0, "pixels": (1024, 1024)},
-    "steep sines": {
-        **EXAMPLE,
-        "object_distance": 30.0,
-        "object_extent": 5,
-        "pixels": (2048, 2048),
-        "aperture": 0.09,
-    },
+    "steep sines": {**EXAMPLE, "object_distance": 30.0, "object_extent": 5, "pixels": (2048, 2048), "aperture": 0.09},
     "lens, coma": {**EXAMPLE, "camera_distance": None, "focal_length": 50.0},
     "lens, wide object": {
         **EXAMPLE,
@@ -132,9 +124,7 @@ def test_a_lens_takes_the_terms_of_the_camera_away():
     lens = LabSetup(**{**EXAMPLE, "camera_distance": None, "focal_length": 50.0})
     bare = LabSetup(**EXAMPLE)
     assert lens.speckle_size == bare.speckle_size
-    assert lens.phase_errors["phi_3"] == pytest.approx(
-        bare.phase_errors["phi_3"] / 3, rel=1e-12
-    )  # |1 - 4| / 1
+    assert lens.phase_errors["phi_3"] == pytest.approx(bare.phase_errors["phi_3"] / 3, rel=1e-12)  # |1 - 4| / 1
     assert lens.phase_errors["phi_4"] < bare.phase_errors["phi_4"]
 
 
@@ -167,9 +157,7 @@ def test_the_far_field_scene_gives_the_pattern_of_spherical_waves_pixel_by_pixel
     """Same layer, same pixels, three object points: fields agree to the phase errors, so do intensities."""
     setup = LabSetup(**EXAMPLE, refractive_index=refractive_index)
     pixels = np.linspace(-0.3, 0.3, 61)
-    allowed = 4 * sum(
-        setup.phase_errors.values()
-    )  # of the field, twice for the intensity, twice for two points
+    allowed = 4 * sum(setup.phase_errors.values())  # of the field, twice for the intensity, twice for two points
     for layer in random_layers(setup, 3):
         for source in (-0.2, 0.0, 0.15):
             exact = speckle_through_a_layer(setup, source, pixels, layer, spherical=True)
@@ -185,9 +173,7 @@ def assert_correlation(products, expected):
     """Mean of the centred products of two unit-mean intensities, one average a layer, by Student's t."""
     t = (products.mean() - expected) / (products.std(ddof=1) / np.sqrt(products.size))
     limit = student.isf(FALSE_ALARM / 2, products.size - 1)
-    assert abs(t) < limit, (
-        f"correlation {products.mean():.3f} for {expected:.3f}: t = {t:+.2f}, limit {limit:.2f}"
-    )
+    assert abs(t) < limit, f"correlation {products.mean():.3f} for {expected:.3f}: t = {t:+.2f}, limit {limit:.2f}"
 
 
 def test_random_layers_correlate_at_the_predicted_image_as_the_quadrature_says():
@@ -257,19 +243,9 @@ def largest(message):
 @pytest.mark.parametrize(
     ("field", "value", "others", "says"),
     [
-        (
-            "pixel_pitch",
-            0.007,
-            {},
-            r"half a speckle a view; got 0\.007\. Set oversampling to 2 or more, or the",
-        ),
+        ("pixel_pitch", 0.007, {}, r"half a speckle a view; got 0\.007\. Set oversampling to 2 or more, or the"),
         ("object_extent", 1.4, {}, r"whose image fills the camera; got 1\.4"),
-        (
-            "aperture",
-            12.0,
-            {"pixel_pitch": 0.001, "pixels": (640, 640)},
-            r"mapping holds; got 12\.0\. .*phi_3 = 0\.7",
-        ),
+        ("aperture", 12.0, {"pixel_pitch": 0.001, "pixels": (640, 640)}, r"mapping holds; got 12\.0\. .*phi_3 = 0\.7"),
         (
             "aperture",
             3.0,
@@ -345,11 +321,7 @@ def test_every_laboratory_that_passes_keeps_its_correlation(log_u, log_v, log_ap
     u, v, aperture = 10**log_u, 10**log_v, 10**log_aperture
     pitch = 532e-6 * v / (2 * aperture)
     fields = {**EXAMPLE, "object_distance": u, "camera_distance": v, "aperture": aperture}
-    fields |= {
-        "pixel_pitch": pitch,
-        "pixels": (pixels, pixels),
-        "object_extent": filling * pixels * pitch * u / v,
-    }
+    fields |= {"pixel_pitch": pitch, "pixels": (pixels, pixels), "object_extent": filling * pixels * pitch * u / v}
     message = refusal(fields)
     if message:
         assert re.match(r"LabSetup\.aperture must be at most", message)

@@ -41,7 +41,7 @@ def rms(field):
     return np.sqrt(np.mean(np.square(np.abs(field))))
 
 
-@pytest.mark.parametrize("pupil", [sg.Pupil(), ABERRATED])
+@pytest.mark.parametrize("pupil", [pytest.param(sg.Pupil(), marks=pytest.mark.slow), ABERRATED])
 def test_points_on_the_plane_in_focus_see_the_same_field_through_the_pupil(pupil):
     """The same connections at points of the near field, path by path, their field filtered by the pupil.
 
@@ -192,7 +192,7 @@ def test_the_lit_plane_grows_with_the_focus_and_wrapping_around_is_refused():
     assert plan.lens.period >= near.extent
 
 
-@pytest.mark.parametrize("focus", [-20.0, 30.0])
+@pytest.mark.parametrize("focus", [-20.0, pytest.param(30.0, marks=pytest.mark.slow)])
 def test_path_sums_show_speckle_of_contrast_one_at_any_focus(focus):
     """<I^2> / <I>^2 - 2, by the paths that a pixel is made of: as the plan says, within its noise and half of it."""
     seen = scene(width=40.0, shape=(12, 12), pitch=1.25, focus=focus)
@@ -264,9 +264,7 @@ def test_what_no_machine_holds_is_refused_by_name(field, camera):
         sg.plan(scene(**camera), paths=100)
 
 
-@pytest.mark.parametrize(
-    "medium", [FORWARD.replace(albedo=0.0), FORWARD.replace(mean_free_path=1e6)]
-)
+@pytest.mark.parametrize("medium", [FORWARD.replace(albedo=0.0), FORWARD.replace(mean_free_path=1e6)])
 def test_dark_media_make_dark_images(medium):
     stack = sg.render(scene(medium, light=sg.CollimatedBeams.tilts([], width=40.0)), paths=100, seed=0)
     assert stack.field.shape == (0, 24, 20)

@@ -1,6 +1,5 @@
 """Random numbers, trigonometry, phase functions, frames and the compiled-kernel cache."""
 
-
 import numpy as np
 import pytest
 import torch

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from specklegen.core.errors import RuleError
-from specklegen.measured import (
-    BallisticFraction,
-    ContrastVersusBandwidth,
-    MemoryCurve,
-    TemporalCurve,
-    Transmittance,
-)
+from specklegen.measured import BallisticFraction, ContrastVersusBandwidth, MemoryCurve, TemporalCurve, Transmittance
 
 TILTS = [1e-4, 2e-4, 3e-4]
 

@@ -89,9 +89,7 @@ def test_faces_reflect_either_polarisation(name):
     view = BETWEEN_FACES[name]
     medium = slab(2, polarisation="vector", faces=GLASS)
     mode = "reflection" if view is not None and view[2] < 0 else "transmission"
-    found = sg.mueller_matrix(
-        medium, wavelength=WAVELENGTH, paths=30_000, seed=1, view=view, mode=mode, reverse=False
-    )
+    found = sg.mueller_matrix(medium, wavelength=WAVELENGTH, paths=30_000, seed=1, view=view, mode=mode, reverse=False)
     cosine = 1.0 if view is None else abs(view[2])
     azimuth = [0.0 if view is None else np.arctan2(view[1], view[0])]
     light = vector_adding_doubling(2.0, rayleigh, views=[cosine], azimuths=azimuth, nodes=24, index=1.5)

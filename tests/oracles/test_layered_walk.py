@@ -19,7 +19,7 @@ THREE = [layer(0.1, 1, 100, 0.9, 1.37), layer(0.1, 1, 10, 0.0, 1.37), layer(0.2,
 
 def test_two_layers_of_different_indices_reflect_as_those_of_mcml():
     """Template of MCML, its first run: diffuse reflectance .1050, to half of the last digit."""
-    found = walk_layers(TWO, paths=64 * 2000, seed=1)
+    found = walk_layers(TWO, paths=64 * 700, seed=1)
     assert found.specular == pytest.approx((0.3 / 2.3) ** 2, rel=1e-12)
     assert_mean(found.reflected, 0.1050, slack=5e-5)
 
@@ -33,7 +33,7 @@ def test_three_layers_are_those_of_mcml():
 
 def test_another_index_is_caught():
     with pytest.raises(AssertionError, match="z ="):
-        assert_mean(walk_layers([(*TWO[0][:4], 1.4), TWO[1]], paths=64 * 2000, seed=1).reflected, 0.1050, slack=5e-5)
+        assert_mean(walk_layers([(*TWO[0][:4], 1.4), TWO[1]], paths=64 * 700, seed=1).reflected, 0.1050, slack=5e-5)
 
 
 def test_matched_layers_are_those_of_adding():

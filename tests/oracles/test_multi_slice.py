@@ -17,9 +17,7 @@ ERROR = 0.004, 0.012  # of a field over all views and on the axis, from the two 
 
 
 def slab(optical_depth=5.0, scatterer=LOBE, thickness=400.0, albedo=1.0):
-    return sg.Slab(
-        thickness=thickness, mean_free_path=thickness / optical_depth, scatterer=scatterer, albedo=albedo
-    )
+    return sg.Slab(thickness=thickness, mean_free_path=thickness / optical_depth, scatterer=scatterer, albedo=albedo)
 
 
 def run(medium, realizations=2, **options):

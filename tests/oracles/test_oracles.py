@@ -106,10 +106,7 @@ def test_engine_agrees_with_algorithm_1_forward(side, g, optical_depth, base, of
     assert_same_covariance(engine_covariances(scene), transcribed_covariances(scene))
 
 
-@pytest.mark.parametrize(
-    ("g", "optical_depth", "base"),
-    [(0.0, 0.5, 0.0), (0.5, 2.0, 0.0), (0.5, 2.0, 0.5)],
-)
+@pytest.mark.parametrize(("g", "optical_depth", "base"), [(0.0, 0.5, 0.0), (0.5, 2.0, 0.0), (0.5, 2.0, 0.5)])
 def test_engine_agrees_with_algorithm_1_at_backscattering(g, optical_depth, base):
     scene = make_scene("reflection", g=g, optical_depth=optical_depth, base=base)
     assert_same_covariance(engine_covariances(scene, reverse=True), transcribed_covariances(scene, reverse=True))

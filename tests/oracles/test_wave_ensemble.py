@@ -1,6 +1,5 @@
 """Random placements of cylinders: the draw, the sums, and the statistics against stored and closed-form ones."""
 
-
 import numpy as np
 import pytest
 from scenes import DATA

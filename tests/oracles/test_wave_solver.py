@@ -1,6 +1,5 @@
 """The wave solver, placement by placement: against treams, against conservation laws and symmetries."""
 
-
 import numpy as np
 import pytest
 from scenes import DATA

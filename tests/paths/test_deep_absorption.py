@@ -24,9 +24,7 @@ def slab(albedo: float, optical_depth: float, g: float = 0.0) -> sg.Slab:
 
 def box(albedo: float, optical_depth: float, dimensions: int = 3) -> sg.Box:
     corners = np.array([[-200.0, -200.0, 0.0], [200.0, 200.0, 25 * optical_depth]])[:, -dimensions:]
-    return sg.Box(
-        lower=corners[0], upper=corners[1], mean_free_path=25.0, albedo=albedo, scatterer=sg.Isotropic()
-    )
+    return sg.Box(lower=corners[0], upper=corners[1], mean_free_path=25.0, albedo=albedo, scatterer=sg.Isotropic())
 
 
 def scene(medium: sg.Slab, sensor=None, side="transmission") -> sg.Scene:

@@ -258,9 +258,7 @@ def test_memory_effect_behind_faces_closely(case):
     check_table(case, 1_000_000)
 
 
-@pytest.mark.parametrize(
-    ("index", "expected", "error"), [(1.0, 1.31, 0.005), (1.33, 2.35, 0.02), (1.5, 3.3, 0.05)]
-)
+@pytest.mark.parametrize(("index", "expected", "error"), [(1.0, 1.31, 0.005), (1.33, 2.35, 0.02), (1.5, 3.3, 0.05)])
 def test_trapped_light_comes_out_late(index, expected, error):
     """Mean path length over the thickness, of forward scattering at OD 10."""
     found = estimate_spectral_correlation(slab(10.0, 0.9, index), 60_000, 3)
@@ -438,9 +436,7 @@ def test_the_mean_crosses_both_faces():
     where = scene(medium, sg.FarField(directions=[AXIS, direction(0.1)]), tilts=(0.0, 0.1))
     plain = where.replace(medium=medium.replace(faces=sg.Faces()))
     r = reflectance(medium.faces, np.array([1.0, np.sqrt(0.99)]))
-    np.testing.assert_allclose(
-        mean_field(where)[0, 0] / mean_field(plain)[0, 0], 1 - r[0], rtol=1e-12
-    )
+    np.testing.assert_allclose(mean_field(where)[0, 0] / mean_field(plain)[0, 0], 1 - r[0], rtol=1e-12)
     np.testing.assert_allclose(mean_field(where)[1, 1] / mean_field(plain)[1, 1], 1 - r[1], rtol=1e-12)
     assert ballistic_fraction(where) == pytest.approx(np.exp(-4) * (1 - r[0]) ** 2)
     assert straight_through(plain.slab) == np.exp(-4)
@@ -470,7 +466,9 @@ def test_light_near_the_critical_angle(index):
 REFUSED = {
     "points": (
         lambda: sg.Scene(
-            wavelength=1.0, medium=slab(), illumination=sg.PlaneWaves.tilts([0.0]),
+            wavelength=1.0,
+            medium=slab(),
+            illumination=sg.PlaneWaves.tilts([0.0]),
             sensor=sg.NearField(points=[[0.0, 0.0, -5.0]]),
         ),
         "Slab.faces must be matched, unless beams in space are seen from afar",

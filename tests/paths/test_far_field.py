@@ -107,7 +107,7 @@ def test_a_gaussian_lobe_follows_its_closed_form():
     medium = slab(0.997, 20.0, 25, "vMF")
     tilts = np.array([1.56e-3, 3.13e-3, 4.69e-3])
     found = sg.memory_effect(medium, wavelength=WAVELENGTH, tilts=tilts, paths=40_000)
-    expected = np.exp(-found.q**2 * medium.thickness / medium.transport_length / 12)
+    expected = np.exp(-(found.q**2) * medium.thickness / medium.transport_length / 12)
     assert_z(found.intensity, expected, found.standard_error, degrees=BATCHES - 1, slack=0.05)
 
 

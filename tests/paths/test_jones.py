@@ -8,14 +8,7 @@ import specklegen as sg
 from specklegen.kernels.jones import node_place
 from specklegen.paths.bank import backwards, walk_frame
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.jones import (
-    Ends,
-    connection_matrices,
-    laboratory_frame,
-    scattering,
-    type_matrices,
-    walk_matrices,
-)
+from specklegen.paths.jones import Ends, connection_matrices, laboratory_frame, scattering, type_matrices, walk_matrices
 from specklegen.paths.phase_tables import walk_lobes
 from specklegen.paths.proposal import plane_proposal
 from specklegen.paths.slab_tracer import trace

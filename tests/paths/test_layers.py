@@ -105,9 +105,7 @@ def test_the_memory_effect_is_that_of_a_literal_walk():
     spread = np.sqrt((BATCHES - 1) * without.var(axis=0))
     error = np.hypot(spread, curve.standard_error / (2 * np.abs(curve.field)))
     assert_z(curve.field.real, literal, error, degrees=BATCHES - 1)
-    turned = sg.memory_effect(
-        sg.Layers(CLEAR[::-1]), wavelength=1.0, tilts=curve.tilts, paths=64 * 2000, threads=1
-    )
+    turned = sg.memory_effect(sg.Layers(CLEAR[::-1]), wavelength=1.0, tilts=curve.tilts, paths=64 * 2000, threads=1)
     assert_z(turned.intensity, curve.intensity, np.hypot(turned.standard_error, curve.standard_error))  # reciprocity
 
 

@@ -74,7 +74,9 @@ def flat(g: float, degrees: float) -> sg.Scene:
     return sg.Scene(
         wavelength=1.0,
         medium=sg.Box(
-            lower=np.array([-25.0, 0.0]), upper=np.array([25.0, 25.0]), mean_free_path=50.0,
+            lower=np.array([-25.0, 0.0]),
+            upper=np.array([25.0, 25.0]),
+            mean_free_path=50.0,
             scatterer=sg.HenyeyGreenstein(g=g),
         ),
         illumination=sg.PlaneWaves.tilts([0.0], dimensions=2),

@@ -169,5 +169,3 @@ def test_a_bank_does_not_depend_on_threads_or_splits():
     whole = tracer.trace(5, 5000, threads=1)
     parts = [tracer.trace(5, 2000, threads=2), tracer.trace(5, 3000, first=2000, threads=2)]
     assert whole.records.tobytes() == b"".join(part.records.tobytes() for part in parts)
-
-

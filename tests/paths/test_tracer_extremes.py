@@ -105,7 +105,9 @@ def test_a_beam_much_wider_than_a_medium_is_a_plane_wave(dense, profile):
     )  # fmt: skip
     beam, plane = (
         sg.Scene(
-            wavelength=1.0, medium=medium, illumination=light,
+            wavelength=1.0,
+            medium=medium,
+            illumination=light,
             sensor=sg.FarField(directions=[[-1.0, 0, 0], [0.6, 0, 0.8]]),
         )  # fmt: skip
         for light in (

@@ -140,9 +140,9 @@ def test_a_covariance_and_path_sums_agree():
     """Intensities and a product of fields of the two, whose errors are those of their paths and of their number."""
     scene, batches = box(4), 24
     sums = sg.render(scene, paths=300, realizations=batches * 60, sampler="paths", seed=1).field
-    drawn = np.stack([
-        sg.render(scene, paths=20_000, realizations=60, sampler="covariance", seed=n).field for n in range(batches)
-    ])  # each batch with a covariance of its own: its error is among what the batches show
+    drawn = np.stack(
+        [sg.render(scene, paths=20_000, realizations=60, sampler="covariance", seed=n).field for n in range(batches)]
+    )  # each batch with a covariance of its own: its error is among what the batches show
     sums = sums.reshape(drawn.shape)
     for t, v, s, w in ((0, 0, 0, 0), (1, 3, 1, 3), (0, 1, 0, 2), (0, 0, 1, 1)):
         one, other = ((each[..., t, v] * each[..., s, w].conj()).mean(axis=1) for each in (sums, drawn))

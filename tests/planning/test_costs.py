@@ -9,9 +9,7 @@ from specklegen.core.nanoseconds import NANOSECONDS, SERIAL, seconds
 
 SLAB = sg.Slab(thickness=1000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.7))
 BEAMS = sg.CollimatedBeams.tilts([0.0, 1e-4, 3e-4], width=3e4)
-SCENE = sg.Scene(
-    wavelength=1.0, medium=SLAB, illumination=BEAMS, sensor=sg.FarField.grid(shape=(20, 30), pitch=1e-5)
-)
+SCENE = sg.Scene(wavelength=1.0, medium=SLAB, illumination=BEAMS, sensor=sg.FarField.grid(shape=(20, 30), pitch=1e-5))
 BOX = sg.Box(lower=[-5.0] * 3, upper=[5.0] * 3, mean_free_path=9.0, scatterer=sg.Isotropic())
 DIRECTIONS = sg.FarField(directions=np.eye(3))
 GRID = sg.VoxelGrid(lower=[-5.0] * 3, upper=[5.0] * 3, extinction=np.full((4, 3, 2), 0.1), scatterers=(sg.Isotropic(),))

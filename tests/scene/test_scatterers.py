@@ -133,9 +133,7 @@ def test_a_table_of_powers_is_their_root():
 
 def test_the_cylinder_of_the_wave_solver():
     """Its table is normalised in flatland already, to seven digits by the trapezium rule."""
-    degrees, real, imag = np.loadtxt(
-        DATA / "cylinder_amplitude.csv", delimiter=",", skiprows=1
-    ).T
+    degrees, real, imag = np.loadtxt(DATA / "cylinder_amplitude.csv", delimiter=",", skiprows=1).T
     half = degrees <= 180
     cylinder = sg.Tabulated(theta=np.deg2rad(degrees[half]), amplitude=(real + 1j * imag)[half])
     s = cylinder.amplitude(np.cos(np.deg2rad(degrees)), 2)

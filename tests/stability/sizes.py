@@ -14,6 +14,7 @@ from .scenes import REQUIRED, beams, scene, slab
 
 def scaled() -> Row:
     """C / length² of one scene with all lengths scaled over 16 decades: the same paths, so equal to rounding."""
+
     def value(s: float) -> np.ndarray:
         made = scene(slab(1.0, 0.5, thickness=100 * s), beams([0.0, 0.01], width=30 * s), wavelength=s)
         return sg.covariance(made, paths=640, seed=1, reverse=False).value / s**2

@@ -42,6 +42,7 @@ def test_noisy_contrasts_are_fitted_as_another_program_does():
     noisy = made(times, shares) * (1 + 0.06 * rng.standard_normal((40, 5)))
     found = multi_exposure_fit(noisy, EXPOSURES)
     for n, row in enumerate(noisy):
+
         def misfit(numbers, row=row):
             return exponential_contrast_squared(EXPOSURES, np.exp(numbers[0]), dynamic_share=numbers[1]) / row - 1
 

@@ -25,9 +25,7 @@ def sphere(subdivisions: int, radius=1.0, **options) -> Mesh:
         ab, bc, ca = (len(points) + place).reshape(3, -1)
         points = np.concatenate([points, middle / np.linalg.norm(middle, axis=1, keepdims=True)])
         a, b, c = faces.T
-        faces = np.concatenate(
-            [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-        )
+        faces = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
     return Mesh(points * radius, faces, **options)
 
 

@@ -137,9 +137,7 @@ def test_gaussian_mass_of_boxes():
     """Against scipy's bivariate cumulative distribution, from inside, outside, a corner and an edge of the box."""
     covariance = np.array([[2.0, -0.9], [-0.9, 0.8]])
     for centre in ((0.2, -0.1), (3.0, 2.0), (1.0, 1.0), (1.0, 0.0)):
-        corner = {
-            (i, j): multivariate_normal(centre, covariance).cdf([i, j]) for i in (-1, 1) for j in (-1, 1)
-        }
+        corner = {(i, j): multivariate_normal(centre, covariance).cdf([i, j]) for i in (-1, 1) for j in (-1, 1)}
         exact = corner[1, 1] - corner[-1, 1] - corner[1, -1] + corner[-1, -1]
         assert gaussian_mass(square(2.0), covariance, centre) == pytest.approx(exact, abs=1e-9)
 

@@ -144,9 +144,7 @@ def test_a_second_edge_improves_soft_slits():
     strips = [((-30, 0), (-9.5, 0)), ((-4.5, 0), (4.5, 0)), ((9.5, 0), (30, 0))]
     x, long, far = np.linspace(-60, 60, 41) + 0.0137, 3e5, 1e7
     exact = np.abs(strip_solver(strips).field(np.stack([x, 0 * x + 150], axis=1))) ** 2
-    scene = Geometry([
-        sheet([[a, -long, 0], [b, -long, 0], [b, long, 0], [a, long, 0]]) for (a, _), (b, _) in strips
-    ])
+    scene = Geometry([sheet([[a, -long, 0], [b, -long, 0], [b, long, 0], [a, long, 0]]) for (a, _), (b, _) in strips])
     points = np.stack([x, 0 * x, 0 * x + 150], axis=1)
     errors = []
     for diffractions in (1, 2):
@@ -164,9 +162,7 @@ def test_two_stages_against_the_wave_solver():
     strips = [((-30, 0), (-9.5, 0)), ((-4.5, 0), (4.5, 0)), ((9.5, 0), (30, 0)), ((16, 40), (22, 80))]
     x, long, far = np.linspace(-60, 60, 61) + 0.0137, 3e5, 1e7
     exact = np.abs(strip_solver(strips).field(np.stack([x, 0 * x + 150], axis=1))) ** 2
-    scene = Geometry([
-        sheet([[a, -long, y], [b, -long, z], [b, long, z], [a, long, y]]) for (a, y), (b, z) in strips
-    ])
+    scene = Geometry([sheet([[a, -long, y], [b, -long, z], [b, long, z], [a, long, y]]) for (a, y), (b, z) in strips])
     points = np.stack([x, 0 * x, 0 * x + 150], axis=1)
     errors = []
     for diffractions in (1, 2):

@@ -138,7 +138,7 @@ def test_speckle_behind_a_double_slit(double_slit):
     """
     beams, modes = double_slit
     matrices = np.array([
-        sg.transmission_matrix(scene(beams), paths=300, seed=(5, r), threads=1).value for r in range(REALIZATIONS)
+        sg.transmission_matrix(scene(beams), paths=150, seed=(5, r), threads=1).value for r in range(REALIZATIONS)
     ])  # fmt: skip
     expected, uncertain = expected_coherence(beams, modes)
     assert np.abs(expected[1:]).max() > 0.5

@@ -125,19 +125,18 @@ def test_what_cones_reach_does_not_know_the_axes():
 
 
 def test_maps_by_phases_do_not_know_the_axes():
-    """Around a block: to 1e-6 dB turned and moved, and the same at twice the size and half the frequency."""
+    """Around a block: to 1e-6 dB turned and moved, at twice the size and half the frequency."""
     maps = []
-    for turn, shift, size in ((np.eye(3), np.zeros(3), 1.0), (TURN, SHIFT, 1.0), (np.eye(3), np.zeros(3), 2.0)):
+    for turn, shift, size in ((np.eye(3), np.zeros(3), 1.0), (TURN, SHIFT, 2.0)):
         scene = Geometry(Mesh(size * BLOCK.vertices @ turn.T + shift, BLOCK.faces, BLOCK.material))
         plane = Plane(
             center=turn @ (size * np.array([15.0, 2.0, 3.0])) + shift, normal=turn[:, 0], up=turn[:, 2],
-            shape=(4, 4), pitch=7.0 * size,
+            shape=(2, 3), pitch=14.0 * size,
         )  # fmt: skip
         found = coverage(scene, Transmitter(turn @ (size * SOURCE) + shift), plane, 1e9 / size, "phase").rss_dBm
         maps.append(found.filled(-999))
     assert maps[0].min() > -300
-    assert maps[1] == pytest.approx(maps[0], abs=1e-6)
-    assert maps[2] == pytest.approx(maps[0], abs=1e-6)  # lambda^2 / r^2 is the same
+    assert maps[1] == pytest.approx(maps[0], abs=1e-6)  # lambda^2 / r^2 is the same
 
 
 def beams_past(mesh, diffraction, seed=1, turn=None, shift=0.0, size=1.0):

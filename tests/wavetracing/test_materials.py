@@ -38,9 +38,7 @@ def test_a_wall_against_its_transfer_matrix():
         for weight, (r, t) in zip((1.0, eta), (found[:2], found[2:]), strict=True):
             # unknowns r, forward and backward inside, t; admittance q / weight inside, cosine outside
             x, y = np.exp(1j * k * q * thickness), q / weight
-            matrix = np.array(
-                [[-1, 1, 1, 0], [cosine, y, -y, 0], [0, x, 1 / x, -1], [0, y * x, -y / x, -cosine]]
-            )
+            matrix = np.array([[-1, 1, 1, 0], [cosine, y, -y, 0], [0, x, 1 / x, -1], [0, y * x, -y / x, -cosine]])
             expected = np.linalg.solve(matrix, np.array([1, cosine, 0, 0]))
             assert abs(r) == pytest.approx(abs(expected[0]), rel=1e-12)
             assert abs(t) == pytest.approx(abs(expected[3]), rel=1e-12)

@@ -261,7 +261,6 @@ class TestEdgeRays:
         soft, hard = (field_on_plane(opening, LIGHT, plane, "utd", polarisation=p).values for p in ("soft", "hard"))
         assert distance((soft + hard) / 2, field_on_plane(opening, LIGHT, plane).values) < 0.1
 
-
     def test_edges_shorter_than_their_fresnel_zone(self):
         """A square of 10 wavelengths at 200: the four edge rays miss nearly every receiver, and a warning says so."""
         plane = Plane(center=[0, 0, 200.0], shape=(16, 16), pitch=2.0)

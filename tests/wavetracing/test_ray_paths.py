@@ -13,7 +13,7 @@ BLOCK = Geometry(box((6.0, 40.0, 30.0), (0, 0, 0), material=Conductor()))
 LAMP = PointEmitter([-25.0, 3.0, 4.0], 1.0, power=4 * np.pi)
 
 
-@pytest.mark.parametrize("point", [[20.0, -2.0, 9.0], [-9.0, 1.0, -3.0]])
+@pytest.mark.parametrize("point", [[20.0, -2.0, 9.0], pytest.param([-9.0, 1.0, -3.0], marks=pytest.mark.slow)])
 def test_paths_add_up_and_their_legs_are_straight(point):
     """In shadow and in light: amplitudes to rounding, phases by lengths, directions by Keller's cone."""
     paths = coherent_paths(BLOCK, LAMP, point, 1, 2, "hard")

@@ -269,13 +269,7 @@ def test_shuffled_resume_with_another_number_of_workers(whole):
 
 def test_export_npy(whole, tmp_path):
     files = export(whole, tmp_path / "out", samples=[4, 40])
-    assert [file.name for file in files] == [
-        "image.npy",
-        "field.npy",
-        "object.npy",
-        "level.npy",
-        "samples.csv",
-    ]
+    assert [file.name for file in files] == ["image.npy", "field.npy", "object.npy", "level.npy", "samples.csv"]
     cache = SpeckleCache(whole)
     for row, index in enumerate((4, 40)):
         for key in ("image", "field", "object", "level"):

@@ -55,8 +55,7 @@ def test_ranks_share_an_epoch_without_gap_or_overlap(length, batch_size, world):
         return
     count = batch_count(length, batch_size, world)
     batches = [
-        [batch_range(length, batch_size, world, rank, number) for number in range(count)]
-        for rank in range(world)
+        [batch_range(length, batch_size, world, rank, number) for number in range(count)] for rank in range(world)
     ]
     assert all(0 < len(batch) <= batch_size for rank in batches for batch in rank)
     in_order = [n for b in range(count) for rank in range(world) for n in batches[rank][b]]

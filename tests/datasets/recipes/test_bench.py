@@ -121,9 +121,11 @@ def test_cameras_are_drawn_and_count():
 @pytest.mark.parametrize("name", table_names())
 def test_a_table_changes_a_recipe_beside_which_it_is_inherited(tmp_path, name):
     file = tmp_path / "mine.toml"
-    file.write_text(f'inherits = ["through-slab", "{name}"]\nname = "mine"\nmedia = 4\nsampler = "stationary"\n'
-                    "[material]\nkernel_paths = 2000\n[camera]\nshape = [48, 40]\n"
-                    "[objects]\nshape = [16, 16]\n")
+    file.write_text(
+        f'inherits = ["through-slab", "{name}"]\nname = "mine"\nmedia = 4\nsampler = "stationary"\n'
+        "[material]\nkernel_paths = 2000\n[camera]\nshape = [48, 40]\n"
+        "[objects]\nshape = [16, 16]\n"
+    )
     recipe = load_recipe(file)
     batch = recipe.batch(3, "train", range(6))
     alone = recipe.sample(3, "train", 5)

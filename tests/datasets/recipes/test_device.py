@@ -155,10 +155,10 @@ def test_devices_that_are_not_there_are_refused(recipe, device, words):
 def test_every_tensor_of_an_object_is_on_the_device():
     recipe = load_recipe("through-slab", SMALL["through-slab"])
     kernel = known(recipe.material_of(0, "train", 0).slab, 2000).correlation
-    brightness = np.ones((28, 28), np.float32)
+    brightness = np.ones((10, 10), np.float32)
     with OneDevice():
         sampler = one_object(
-            kernel, wavelength=0.5, object_shape=(28, 28), object_pitch=1e-6, width=5e4,
+            kernel, wavelength=0.5, object_shape=(10, 10), object_pitch=3e-6, width=5e4,
             grid=recipe.geometry.grid, device="meta",
         )  # fmt: skip
         medium = sampler.medium((1, 2, 3))

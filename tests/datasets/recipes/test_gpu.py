@@ -7,10 +7,7 @@ import torch
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 
-pytestmark = [
-    pytest.mark.gpu,
-    pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device"),
-]
+pytestmark = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")]
 QUICK = {"material": {"kernel_paths": 20_000}, "media": 8}
 RECIPES = {
     "unknown-slab": {}, "unseen-material": {}, "tilt-stack": {}, "material-regression": {}, "through-slab": QUICK,

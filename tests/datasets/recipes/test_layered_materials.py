@@ -76,6 +76,7 @@ def test_bad_layers_are_named(skin, layer, field):
         type(load_recipe(skin))(**table)
 
 
+@pytest.mark.slow
 def test_layers_that_let_no_path_through_are_refused(skin):
     table = load_recipe(skin).model_dump(mode="json", exclude_none=True)
     table["material"]["layers"] = [

@@ -27,7 +27,7 @@ def assert_disjoint(parts):
         assert not common, f"{len(common)} in both {one} and {other}, such as {next(iter(common))}"
 
 
-def media(recipe, count=6):
+def media(recipe, count=3):
     """Hashes of the fields behind the first samples of each split, of either polarisation and every frame."""
     found = {}
     for split in SPLITS:
@@ -42,7 +42,7 @@ def media(recipe, count=6):
 def test_no_medium_is_in_two_splits(name):
     recipe = quick_recipe(name)
     found = media(recipe)
-    assert all(len(part) >= 6 for part in found.values())
+    assert all(len(part) >= 3 for part in found.values())
     assert_disjoint(found)
 
 

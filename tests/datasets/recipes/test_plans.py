@@ -261,10 +261,7 @@ def test_materials_on_either_side_of_the_rule_are_planned_one_by_one():
 
 @pytest.mark.parametrize(
     ("name", "more", "words"),
-    [
-        ("through-slab", {"light": {"bandwidth": 1e-4}}, "without a bandwidth"),
-        ("dynamic-slab", {}, "without dynamics"),
-    ],
+    [("through-slab", {"light": {"bandwidth": 1e-4}}, "without a bandwidth"), ("dynamic-slab", {}, "without dynamics")],
 )
 def test_what_path_sums_do_not_model_is_refused(name, more, words):
     with pytest.raises(ValueError, match=f"Recipe must be {words} where media are rendered by path sums"):

@@ -140,6 +140,7 @@ class Deadly(FakeRecipe):
         return super().sample(seed, split, index)
 
 
+@pytest.mark.slow
 def test_a_shard_that_kills_every_worker_is_named_and_the_others_finish(tmp_path, client):
     with pytest.raises(GenerationError, match="1 of 10 shards failed.*\n.*shard 3: KilledWorker"):
         make(tmp_path / "a.zarr", Deadly(), cluster=client)
@@ -223,10 +224,8 @@ class Threads(FakeRecipe):
         return super().sample(seed, split, index) | {"level": np.float64(threads)}
 
 
-def test_workers_render_on_one_thread(tmp_path):
-    """In fresh workers: Numba reads its variable when it is loaded."""
-    with LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=":0", memory_limit=0) as cluster:
-        make(tmp_path / "a.zarr", Threads(), cluster=cluster)
+def test_workers_render_on_one_thread(tmp_path, client):
+    make(tmp_path / "a.zarr", Threads(), cluster=client)
     cache = SpeckleCache(tmp_path / "a.zarr")
     assert {float(cache.numpy(n)["level"]) for n in range(SAMPLES)} == {111.0}
 

@@ -21,9 +21,7 @@ def test_bytes_and_memory(tmp_path, dtype, side):
     told = estimate(recipe, 60, dtype=dtype, shard_samples=20)
     generate(recipe, samples=1, folder=tmp_path / "first.zarr", processes=1)  # imports and caches
     tracemalloc.start()
-    result = generate(
-        recipe, samples=60, folder=tmp_path / "a.zarr", dtype=dtype, shard_samples=20, processes=1
-    )
+    result = generate(recipe, samples=60, folder=tmp_path / "a.zarr", dtype=dtype, shard_samples=20, processes=1)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert 0.5 < result["bytes"] / told["bytes"] < 2

@@ -51,9 +51,7 @@ def assert_right_or_refused(folder, shards):
 
 
 @pytest.mark.parametrize(
-    "other",
-    [{"seed": 1}, {"recipe": FakeRecipe(thickness=1.0)}, {"split": "test"}],
-    ids=["seed", "recipe", "split"],
+    "other", [{"seed": 1}, {"recipe": FakeRecipe(thickness=1.0)}, {"split": "test"}], ids=["seed", "recipe", "split"]
 )
 def test_two_halves_of_different_data_sets_merged_by_copying(tmp_path, other):
     make(tmp_path / "a.zarr", shard_range=(0, 2))

@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 
 from specklegen.cli import commands
 from specklegen.core.errors import RuleError
-from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.store.info import info
 from specklegen.datasets.store.store import Store
 from specklegen.datasets.store.verify import verify
@@ -66,10 +65,9 @@ def test_changed_metadata_are_named_on_opening_and_mended_from_the_recipe(tmp_pa
     folder = shutil.copytree(whole, tmp_path / "a.zarr")
     good = contents(folder)
     damage(folder, name, change)
-    for command in (info, verify, SpeckleCache, make):
-        with pytest.raises(RuleError, match=words) as error:
-            command(folder)
-        assert "verify --repair" in str(error.value)
+    with pytest.raises(RuleError, match=words) as error:
+        info(folder)
+    assert "verify --repair" in str(error.value)
     assert verify(folder, repair=FakeRecipe()).metadata
     assert contents(folder) == good
     assert verify(folder).sound

@@ -37,9 +37,7 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path):
     go.touch()
     command = [sys.executable, script, here, tmp_path / "a.zarr", tmp_path / "log", "2", go]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(
-        command, env=environment, capture_output=True, text=True, timeout=TIMEOUT, check=False
-    )
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TIMEOUT, check=False)
     assert done.returncode != 0
     assert 'if __name__ == "__main__":' in done.stderr.splitlines()[-1]
 
@@ -173,7 +171,7 @@ def test_two_processes_on_one_store_lose_nothing(tmp_path, uninterrupted):
     assert not list(tmp_path.glob(".*"))
 
 
-@pytest.mark.parametrize("processes", [1, 2])
+@pytest.mark.parametrize("processes", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_kill_9_then_rerun_equals_an_uninterrupted_run(tmp_path, uninterrupted, processes):
     """Two calls fill one store and are killed; a rerun keeps what was finished and sweeps up."""
     folder, logs = tmp_path / "a.zarr", (tmp_path / "one", tmp_path / "two")

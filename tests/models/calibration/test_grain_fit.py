@@ -34,7 +34,9 @@ def photographs(count, grain, profile, seed):
     return torch.from_numpy(np.stack(images))
 
 
-@pytest.mark.parametrize(("profile", "grain"), [("disc", 1.8), ("disc", 2.5), ("square", 2.3)])
+@pytest.mark.parametrize(
+    ("profile", "grain"), [("disc", 1.8), pytest.param("disc", 2.5, marks=pytest.mark.slow), ("square", 2.3)]
+)
 def test_a_grain_is_found_within_what_is_stated(profile, grain):
     """Intervals of 95 % hold it as often, at FALSE_ALARM; a grain off by 1.4 or 1 / 1.6 would be found out."""
     found = fit_grain(photographs(14, grain, profile, seed=5), EXTENT, profile)

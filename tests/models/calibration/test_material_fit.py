@@ -90,6 +90,7 @@ def test_intervals_end_at_drawn_rises_where_those_are_larger():
     assert np.abs(one.rises[names.index("g")] - rise).min() < 1e-3
 
 
+@pytest.mark.slow
 def test_drawn_sets_are_fitted_as_well_as_from_places_at_random():
     """In a bent valley one set in six has a lower minimum than that which a search from the fit finds.
 

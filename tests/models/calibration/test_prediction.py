@@ -5,13 +5,7 @@ import pytest
 from zscore import assert_z
 
 import specklegen as sg
-from specklegen.measured import (
-    BallisticFraction,
-    ContrastVersusBandwidth,
-    MemoryCurve,
-    TemporalCurve,
-    Transmittance,
-)
+from specklegen.measured import BallisticFraction, ContrastVersusBandwidth, MemoryCurve, TemporalCurve, Transmittance
 from specklegen.memory_effects.atlas import atlas_correlation
 from specklegen.models.calibration.prediction import _contrast, _Light, _Row, predict
 from specklegen.oracles.adding_doubling import adding_doubling

@@ -41,7 +41,7 @@ def fit(reach, power):
     return sg.fit_setup(light, envelope=None, pixel_integration=False, profile="square", target=LETTER)
 
 
-@pytest.mark.parametrize("power", [1.0, 2.0])
+@pytest.mark.parametrize("power", [1.0, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_the_range_is_found(power):
     found = fit(RANGE, power)
     low, high = found.interval(1 - FALSE_ALARM)["range"]
@@ -117,7 +117,7 @@ def test_another_target_is_doubted():
     assert any("no speckle of this target" in doubt for doubt in found.doubts)
 
 
-def limited(before, reach=4.0, grain=2.8, side=176, ways=16):
+def limited(before, reach=4.0, grain=2.8, side=144, ways=12):
     """Photographs through a disc before or behind a medium whose ways aside are Gaussian: C_I is one half at ``reach``.
 
     A point sends b(x) e^(i p . x) to the places x, from where it goes to x + r; or to all, and b(x + r) is let through.

@@ -58,8 +58,7 @@ def test_an_entry_says_what_its_run_said(run, content, tmp_path):
 
 def test_a_complete_entry_is_asked_all(content):
     content["tasks"] = {
-        each.name: content["tasks"]["thin"] | {"digest": each.fingerprint, "images": each.samples}
-        for each in TASKS
+        each.name: content["tasks"]["thin"] | {"digest": each.fingerprint, "images": each.samples} for each in TASKS
     }
     from specklegen.models.judging.entries import Entry
 

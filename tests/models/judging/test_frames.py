@@ -105,6 +105,7 @@ def test_it_is_no_part_of_a_complete_run_nor_of_a_mean():
 @pytest.fixture
 def there(monkeypatch):
     """Stands in for the files: every frame shows its shape, in noise."""
+
     def seen(numbers, folder):  # noqa: ARG001
         drawn = np.random.default_rng(1).random((len(numbers), frames.SIDE, frames.SIDE))
         made = torch.from_numpy(gaussian_filter(drawn, (0, 1, 1))).float()

@@ -26,6 +26,7 @@ def small(monkeypatch):
 
 def knowing(recipe, moved=0):
     """A function that cheats: it knows the page of so many exposures."""
+
     def function(batch):
         number = [12 - 3, 12].index(len(batch["object"]))
         return pages.page(recipe, number, SEED, images=False)["page"].roll(moved, 1)[None] * 3 + 1

@@ -141,7 +141,7 @@ def test_even_light_takes_off_a_slope_and_leaves_even_light_as_it_is(name):
     as_frames = (lambda x: x[:, None].expand(-1, 2, -1, -1)) if name == "frames" else (lambda x: x)
     for images in (flat, flat * slope):
         keep({name: as_frames(images), "object": torch.zeros(6, 4, 4)})
-    even, sloped = ([each[:, 0] for each in seen] if name == "frames" else seen)
+    even, sloped = [each[:, 0] for each in seen] if name == "frames" else seen
     orders = [fit_envelope(one.double().numpy(), np.ones((96, 96), bool), "test").order for one in flat]
     assert orders.count(0) >= 4
     assert torch.equal(even[[order == 0 for order in orders]], flat[[order == 0 for order in orders]])

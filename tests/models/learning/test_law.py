@@ -98,7 +98,8 @@ def by_law(recipe, count, error=None, certain=False, by=1.0):
     return half_of(torch.from_numpy(batch["lags"])), powers
 
 
-@pytest.fixture(scope="module", params=SETUPS)
+@pytest.fixture(scope="module", params=[name if "characters" in name else pytest.param(name, marks=pytest.mark.slow)
+                                        for name in SETUPS])  # fmt: skip
 def setup(request):
     """What is rendered, and what the right law and wrong ones expect and draw: lags and periodograms."""
     name, changes, count, by = SETUPS[request.param]

@@ -80,10 +80,12 @@ def test_the_closed_inversion_is_right_where_its_model_is():
     assert inversion(trained)[:, 0].mean() == pytest.approx(float(trained["target"][:, 0].mean()), abs=1e-6)
 
     times, shares = np.array([3e-4, 1e-3, 4e-3]), np.array([0.9, 0.6, 0.8])
-    squared = np.array([
-        exponential_contrast_squared(FEW["durations"], time, dynamic_share=share)
-        for time, share in zip(times, shares, strict=True)
-    ])
+    squared = np.array(
+        [
+            exponential_contrast_squared(FEW["durations"], time, dynamic_share=share)
+            for time, share in zip(times, shares, strict=True)
+        ]
+    )
     noise = np.random.default_rng(0).standard_normal((64, 64))
     noise = (noise - noise.mean()) / noise.std(ddof=1)
     made = dict(trained, stack=torch.from_numpy(1 + np.sqrt(squared)[..., None, None] * noise))

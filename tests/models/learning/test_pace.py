@@ -29,6 +29,7 @@ class Clock:
 def test_the_log_says_how_fast_images_came_and_how_fast_they_were_trained_on(tmp_path, monkeypatch):
     clock = Clock()
     monkeypatch.setattr(run_of_training, "time", clock)
+
     def loss(logits, targets):
         clock.now += 0.5
         return (logits - targets).square().mean()

@@ -9,12 +9,7 @@ from zscore import assert_z
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
-from specklegen.models.likelihood.likelihood import (
-    Optics,
-    SpeckleLikelihood,
-    expected_deviance,
-    memory_effect_between,
-)
+from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood, expected_deviance, memory_effect_between
 from specklegen.models.likelihood.periodogram import Periodogram, periodogram
 from specklegen.scene.window import PROFILES, Window
 

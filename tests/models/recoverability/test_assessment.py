@@ -54,15 +54,15 @@ def excesses(recipe, frames):
 def test_images_that_no_object_explains():
     """Divided by a mean over two pixels: no object that shines is darkest at the lowest frequencies.
 
-    Six objects, each in four frames, are compared with themselves undivided. The search for the most probable image
+    Four objects, each in four frames, are compared with themselves undivided. The search for the most probable image
     ends elsewhere for every rounding: four spreads of the deviance of four frames away, one of that of single images.
-    So the mean is judged. Measured: 31 +- 4 (33 +- 2 with torch without AVX) spreads more than undivided; 0 +- 1 above
-    the expectation for single images as they are. A setup is allowed five: seven and five standard errors off.
+    So the mean is judged. Measured on six: 31 +- 4 (33 +- 2 with torch without AVX) spreads more than undivided;
+    0 +- 1 above the expectation for single images as they are. Five are allowed: five standard errors off, either way.
     """
     recipe = load_recipe("one-angular-size", SLAB)
     media = [recipe.prepare(0, "test", n) for n in range(4)]
     frames = torch.from_numpy(np.stack([
-        [medium.images(recipe.objects.image(0, "test", n))[0] for medium in media] for n in range(6)
+        [medium.images(recipe.objects.image(0, "test", n))[0] for medium in media] for n in range(4)
     ])).double()  # fmt: skip
     spoilt, divided = excesses(recipe, frames / envelope(frames, 2.0))
     _, whole = excesses(recipe, frames)

@@ -1,5 +1,7 @@
 """The autocorrelation estimator against the closed form of speckle, and against a direct sum over pixel pairs."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import torch
@@ -23,6 +25,12 @@ def speckle(count=IMAGES, seed=0):
     rng = np.random.default_rng(seed)
     field = rng.standard_normal((count, cells, cells, 2)).view(np.complex128)[..., 0] / np.sqrt(2) / cells
     return np.square(np.abs(np.fft.fft2(field, (period, period))))[:, :SIDE, :SIDE]
+
+
+@cache
+def patterns():
+    """Speckle of all tests."""
+    return speckle()
 
 
 def exact():
@@ -49,7 +57,6 @@ def measured(images, **options):
     return at(autocorrelation(torch.from_numpy(images)[:, None], WINDOW, **options))
 
 
-SPECKLE = speckle()
 GRAINS = (SIDE / GRAIN) ** 2
 # The image's own mean stands for the true one. Dividing by its square scales all by 1 + O(1/grains); what
 # subtracting it takes from every lag goes with the ring, but for edges: a share GRAIN/SIDE of 1/grains.
@@ -57,11 +64,11 @@ SLACK = 3 / GRAINS * np.abs(at(exact())) + 2 / GRAINS * GRAIN / SIDE
 
 
 def test_autocorrelation_is_unbiased():
-    assert_mean(measured(SPECKLE), at(exact()), slack=SLACK)
+    assert_mean(measured(patterns()), at(exact()), slack=SLACK)
 
 
 def test_photon_noise_is_subtracted():
-    counts = np.random.default_rng(1).poisson(PHOTONS * SPECKLE).astype(float)
+    counts = np.random.default_rng(1).poisson(PHOTONS * patterns()).astype(float)
     counts += np.random.default_rng(2).normal(0, 1.5, counts.shape)
     assert_mean(measured(counts / PHOTONS, electrons=PHOTONS, read_noise=1.5), at(exact()), slack=SLACK)
     with pytest.raises(AssertionError, match="z ="):
@@ -73,12 +80,12 @@ def test_the_test_has_power():
     y, x = np.array(KEPT).T
     share = (1 - np.abs(y) / SIDE) * (1 - np.abs(x) / SIDE)
     with pytest.raises(AssertionError, match="z ="):
-        assert_mean(measured(SPECKLE) * share, at(exact()), slack=SLACK)
+        assert_mean(measured(patterns()) * share, at(exact()), slack=SLACK)
 
 
 def test_autocorrelation_is_the_sum_over_pixel_pairs():
-    image = SPECKLE[0] / SPECKLE[0].mean() - 1
-    found = autocorrelation(torch.from_numpy(SPECKLE[:1]), WINDOW).numpy()
+    image = patterns()[0] / patterns()[0].mean() - 1
+    found = autocorrelation(torch.from_numpy(patterns()[:1]), WINDOW).numpy()
 
     def direct(dy, dx):
         y, x = slice(max(0, -dy), SIDE - max(0, dy)), slice(max(0, -dx), SIDE - max(0, dx))
@@ -93,7 +100,7 @@ def test_autocorrelation_is_the_sum_over_pixel_pairs():
 
 
 def test_frames_are_averaged():
-    frames = torch.from_numpy(SPECKLE[:6]).reshape(2, 3, SIDE, SIDE)
+    frames = torch.from_numpy(patterns()[:6]).reshape(2, 3, SIDE, SIDE)
     alone = torch.stack([autocorrelation(frame[:, None], WINDOW) for frame in frames.transpose(0, 1)])
     torch.testing.assert_close(autocorrelation(frames, WINDOW), alone.mean(0), rtol=1e-12, atol=1e-14)
 
@@ -101,7 +108,7 @@ def test_frames_are_averaged():
 def test_an_envelope_is_removed():
     """A beam that falls to 1/e a third of the frame from its middle: kept, it swamps the speckle."""
     r2 = np.square(np.arange(SIDE) - SIDE / 2)
-    seen = SPECKLE * np.exp(-(r2[:, None] + r2) / (SIDE / 3) ** 2)
+    seen = patterns() * np.exp(-(r2[:, None] + r2) / (SIDE / 3) ** 2)
     removed, kept = (np.abs(measured(seen, sigma=s).mean(0) - at(exact())).max() for s in (SIDE / 4, None))
     # Measured 0.079 and 0.84 of the speckle's peak. A mean over so few grains has speckle of its own, and flattens
     # the beam: a bias of one over the grains in 4 pi sigma^2, which large cameras do not have.

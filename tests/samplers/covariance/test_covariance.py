@@ -1,6 +1,5 @@
 """Covariance of boxes against reference data in absolute units: Monte Carlo of 2019, and the wave equation."""
 
-
 import numpy as np
 import pytest
 from scenes import DATA, ISOTROPIC, flat_box, views

@@ -255,9 +255,7 @@ def criterion_scene(g, width, *, center=0.0) -> sg.Scene:
         medium=medium,
         illumination=sg.CollimatedBeams.tilts([0.0, half, 2 * half], width=width * THICKNESS),
         sensor=sg.FarField.grid(
-            shape=(3, 3),
-            pitch=0.4 * WAVELENGTH / (width * THICKNESS),
-            center=(np.sin(center), 0.0),
+            shape=(3, 3), pitch=0.4 * WAVELENGTH / (width * THICKNESS), center=(np.sin(center), 0.0)
         ),
     )
 
