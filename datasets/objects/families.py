@@ -34,9 +34,7 @@ class Families(ObjectFamily):
     def _share_shape(cls, table: Any) -> Any:
         if not isinstance(table, dict) or "shape" not in table or not isinstance(table.get("families"), list | tuple):
             return table
-        families = [
-            {"shape": table["shape"]} | each if isinstance(each, dict) else each for each in table["families"]
-        ]
+        families = [{"shape": table["shape"]} | each if isinstance(each, dict) else each for each in table["families"]]
         return table | {"families": families}
 
     @model_validator(mode="after")

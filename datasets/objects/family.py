@@ -159,8 +159,7 @@ class ListedFamily(ObjectFamily):
         for source in self.sources():
             groups.setdefault(self.split_key(source), []).append(source)
         return {
-            split: tuple(source for key in keys_of_split(groups, split) for source in groups[key])
-            for split in SPLITS
+            split: tuple(source for key in keys_of_split(groups, split) for source in groups[key]) for split in SPLITS
         }
 
     def sources_of_split(self, split: Split) -> tuple[Source, ...]:

@@ -23,8 +23,7 @@ def glyph_edges(device: torch.device) -> torch.Tensor:
 
 
 @fused(
-    "turned(Tensor edges, Tensor place, Tensor angle) -> Tensor",
-    lambda e, p, a: e.new_empty((len(p), *e.shape[1:])),
+    "turned(Tensor edges, Tensor place, Tensor angle) -> Tensor", lambda e, p, a: e.new_empty((len(p), *e.shape[1:]))
 )
 def turned(edges: torch.Tensor, place: torch.Tensor, angle: torch.Tensor) -> torch.Tensor:
     """Outlines float64[B, n, 4] of places int64[B], turned by angles float64[B]."""

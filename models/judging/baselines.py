@@ -14,13 +14,7 @@ from torch import Tensor
 
 from specklegen.datasets.recipes.hidden_object import HiddenObject
 from specklegen.measured.envelope import fit_envelope
-from specklegen.models.learning.inputs import (
-    LAGS,
-    network_input,
-    resampled_lags,
-    steps_of,
-    without_background,
-)
+from specklegen.models.learning.inputs import LAGS, network_input, resampled_lags, steps_of, without_background
 from specklegen.models.learning.measurement import measured
 from specklegen.models.learning.reconstructor import Reconstructor, centred
 from specklegen.models.learning.solver import Solver

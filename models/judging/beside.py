@@ -28,9 +28,7 @@ RESTARTS = 4
 UNTRAINED, STARTED, TRAINED = "untrained network", "network at the start", "network"
 
 
-def methods_beside(
-    recipe: HiddenObject | None, seed: int, solver: Solver | None
-) -> dict[str, baselines.Method]:
+def methods_beside(recipe: HiddenObject | None, seed: int, solver: Solver | None) -> dict[str, baselines.Method]:
     """Methods that show objects and learn nothing: phase retrieval and, where its recipe is known, the packaged solver.
 
     Parameters

@@ -128,9 +128,7 @@ def entry(results: "Results", function: str, **about: Any) -> Entry:
             for score in ("pearson", "psnr", "ssim")
         }  # fmt: skip
         failed = sum(each.images for each in results.failures if (each.task, each.function) == (name, function))
-        tasks[name] = OfTask(
-            digest=task(name).fingerprint, images=len(evaluation.media), unanswered=failed, **scores
-        )
+        tasks[name] = OfTask(digest=task(name).fingerprint, images=len(evaluation.media), unanswered=failed, **scores)
     stated = {"by": UNNAMED, "about": UNNAMED, "trained_on": UNNAMED, "memory_effect": True} | about
     found = {"name": function[:60], "version": VERSION, "tasks": tasks}
     return Entry(**found | stated)

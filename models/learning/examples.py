@@ -105,9 +105,7 @@ class Streamed:
             yield network_input(batch, self.kind), self.values(batch)
 
 
-def streamed(
-    stream: SpeckleStream, kind: str, workers: int = 0, target: str = "object"
-) -> tuple[Streamed, int]:
+def streamed(stream: SpeckleStream, kind: str, workers: int = 0, target: str = "object") -> tuple[Streamed, int]:
     """Batches that are rendered while the network trains, for ``train``: every epoch is new."""
     return Streamed(stream, kind, workers, target), len(stream)
 

@@ -251,9 +251,7 @@ def banded_lags(power: Tensor, shape: tuple[int, int], grain: float, step: float
 
 
 @lru_cache(maxsize=64)
-def _banded(
-    shape: tuple[int, int], grain: float, step: float, device: torch.device
-) -> tuple[Tensor, Transforms]:
+def _banded(shape: tuple[int, int], grain: float, step: float, device: torch.device) -> tuple[Tensor, Transforms]:
     """Frequencies that count, of two opposite ones one, float32[F, G], and transforms to lags."""
     rows, columns = band(shape, grain)
     counted = (columns > 0) | (rows > 0)[:, None]

@@ -122,9 +122,7 @@ def _first(image: Tensor) -> tuple[int, ...]:
     return tuple(sorted(int(place) for place in order[: min(max(2, int(peak.sum())), _FIRST)]))
 
 
-def _descended(
-    places: tuple[int, ...], nats: Callable[[Tensor], Tensor], side: int
-) -> tuple[float, tuple[int, ...]]:
+def _descended(places: tuple[int, ...], nats: Callable[[Tensor], Tensor], side: int) -> tuple[float, tuple[int, ...]]:
     """What the end of a search costs, and where it is."""
     best = _costs([places], nats, side)[0]
     for _ in range(_STEPS):

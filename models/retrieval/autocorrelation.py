@@ -72,12 +72,7 @@ def lag_means(fluctuations: Tensor, reach: tuple[int, int]) -> Tensor:
 
 
 def autocorrelation(
-    images: Tensor,
-    window: int,
-    *,
-    sigma: float | None = None,
-    electrons: float = float("inf"),
-    read_noise: float = 0.0,
+    images: Tensor, window: int, *, sigma: float | None = None, electrons: float = float("inf"), read_noise: float = 0.0
 ) -> Tensor:
     """Autocovariance of camera images over the square of their mean, averaged over frames, float64[..., n, n].
 

@@ -17,8 +17,7 @@ _COLUMNS = ("sampler", "count", "CPU s", "wall s", "MiB", "standard error", "1/(
 
 def compare_command(
     what: str = argument(
-        ..., "A packaged recipe, a recipe's TOML file, or a scene as TOML or JSON.",
-        autocompletion=names_starting_with,
+        ..., "A packaged recipe, a recipe's TOML file, or a scene as TOML or JSON.", autocompletion=names_starting_with
     ),
     seconds: float = option(20.0, "Processor time for all samplers together."),
     seed: Seed = 0,

@@ -46,14 +46,10 @@ Objects = Annotated[
     ),
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Whole number that the result is a function of.")]
-Split = Annotated[
-    Literal["train", "validation", "test"], typer.Option(help="The three share no medium and no object.")
-]
+Split = Annotated[Literal["train", "validation", "test"], typer.Option(help="The three share no medium and no object.")]
 
 
-def load(
-    recipe: str, changes: list[str] | None, images: Path | None = None, objects: str | None = None
-) -> "Recipe":
+def load(recipe: str, changes: list[str] | None, images: Path | None = None, objects: str | None = None) -> "Recipe":
     """Read a recipe with the command line's changes; other objects keep the recipe's shape, and none of its fields."""
     from specklegen.datasets import load_recipe
     from specklegen.datasets.recipes.hidden_object import HiddenObject

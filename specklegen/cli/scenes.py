@@ -142,9 +142,7 @@ def memory_effect_command(
     mode: Literal["transmission", "reflection"] = option("transmission", "Side of the views."),
     paths: int = option(200_000, "Random paths to trace.", min=1),
     seed: Seed = 0,
-    out: Path = option(Path(
-        "memory-effect"
-    ), "Folder for memory-effect.csv and memory-effect.png."),
+    out: Path = option(Path("memory-effect"), "Folder for memory-effect.csv and memory-effect.png."),
     as_json: AsJson = False,
 ) -> None:
     """How fast speckle decorrelates under tilt, or in time: a table and a figure, with error bars."""
@@ -312,8 +310,5 @@ def slab(thickness: float, optical_depth: float, g: float, albedo: float) -> "Sl
         if not 1e-60 < value < 1e60:
             reject(name, "greater than 0 and finite", value)
     return sg.Slab(
-        thickness=thickness,
-        mean_free_path=thickness / optical_depth,
-        albedo=albedo,
-        scatterer=sg.HenyeyGreenstein(g=g),
+        thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo, scatterer=sg.HenyeyGreenstein(g=g)
     )

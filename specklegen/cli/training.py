@@ -193,9 +193,7 @@ def _of_recipe(
         typer.echo(f"training images are made on: {device}{first if device.startswith('cuda') else ''}")
     data = streamed(stream, settings.input, workers, target)
     before = rendered_before(out, asked)
-    held_out = examples(
-        recipe, settings.input, before or asked, seed, "validation", target, None if before else until
-    )
+    held_out = examples(recipe, settings.input, before or asked, seed, "validation", target, None if before else until)
     about: dict[str, Any] = {"validation": {"seed": seed, "split": "validation", "samples": asked}}
     if len(held_out.targets) < asked:
         about["validation"]["rendered"] = len(held_out.targets)

@@ -273,12 +273,7 @@ def speckle_contrast(W: np.ndarray) -> float:
 
 
 def sample_fields(
-    W0: np.ndarray,
-    n: int,
-    method: Literal["kl", "copula"] = "kl",
-    *,
-    seed: int,
-    phase_turns: float = 1.0,
+    W0: np.ndarray, n: int, method: Literal["kl", "copula"] = "kl", *, seed: int, phase_turns: float = 1.0
 ) -> np.ndarray:
     """Draw realizations of a source: W0[i, j] = <U[:, i] U[:, j]*>.
 

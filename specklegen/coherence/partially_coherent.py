@@ -43,12 +43,7 @@ from specklegen.paths.tracer import slab_tracer
 from specklegen.planning.planning import Options
 from specklegen.rendering import SpeckleStack, rendered
 from specklegen.samplers.sampler import AnySampler
-from specklegen.scene.illumination import (
-    CollimatedBeams,
-    IncoherentObject,
-    directions_of_sines,
-    object_sines,
-)
+from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, directions_of_sines, object_sines
 from specklegen.scene.scene import Scene, require_no_film, require_no_focus, require_range, require_unpolarised
 from specklegen.scene.window import Profile, Window
 

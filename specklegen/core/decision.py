@@ -32,5 +32,3 @@ class Decision:
     def idealised(self) -> bool:
         """Return whether a part is left out that the real thing has."""
         return not self.needed and self.reason.startswith("idealised: ")
-
-

@@ -11,12 +11,7 @@ from specklegen.fdtd.currents import SingleDelay, in_phase, out_of_phase, single
 from specklegen.fdtd.fresnel import slab_fresnel
 from specklegen.fdtd.incidence import Incidence, Pulse, illuminate
 from specklegen.fdtd.layers import Moments, RandomLayer, sample_moments
-from specklegen.fdtd.mean_field import (
-    CoherentTransmission,
-    EquivalentSlab,
-    coherent_transmission,
-    equivalent_slab,
-)
+from specklegen.fdtd.mean_field import CoherentTransmission, EquivalentSlab, coherent_transmission, equivalent_slab
 from specklegen.fdtd.monte_carlo import monte_carlo_mean
 from specklegen.fdtd.scattered import MeanField, ScatteredField, Validity
 from specklegen.fdtd.single_realization import single_realization

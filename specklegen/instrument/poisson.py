@@ -18,8 +18,6 @@ LARGEST = 500.0
 _PARTS = 2048
 
 
-
-
 def add_poisson_field(charge: np.ndarray, mean: float, key: tuple[int, int]) -> None:
     """Add to ``charge`` float64[n] independent Poisson numbers of one mean, number m from uniform number m of a key."""
     if mean > LARGEST:

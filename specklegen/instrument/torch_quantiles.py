@@ -6,18 +6,7 @@ Both sides of every branch are computed, so this is for devices that do not mind
 
 import torch
 
-from specklegen.kernels.quantiles import (
-    CENTRE,
-    CONSTANT,
-    HELD,
-    INVERSE,
-    LEAST,
-    MIDDLE,
-    QUADRATIC,
-    SQUARE,
-    SUMMED,
-    TAIL,
-)
+from specklegen.kernels.quantiles import CENTRE, CONSTANT, HELD, INVERSE, LEAST, MIDDLE, QUADRATIC, SQUARE, SUMMED, TAIL
 
 _STEPS = 100  # P(N > 100) is below 2^-60 for a mean of 32
 

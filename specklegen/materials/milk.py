@@ -23,9 +23,7 @@ def fat_index(wavelength: float) -> float:
     return 1.460 + slope * (wavelength**-2 - 0.633**-2)
 
 
-def make(
-    wavelength: float, micrometre: float, *, fat: float, protein: float, globule: float, micelle: float
-) -> Optics:
+def make(wavelength: float, micrometre: float, *, fat: float, protein: float, globule: float, micelle: float) -> Optics:
     """Optics of a milk of so many per cent by weight."""
     water = indices.water(wavelength)
     globules = lognormal(globule, _GLOBULES).filling(fat / 100 * 1.03 / 0.915)

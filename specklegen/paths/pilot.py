@@ -201,10 +201,7 @@ def _powers(tracer: Tracer, reverse: bool, bank: PathBank) -> _Powers:
         pairs = len(few.lights) * len(few.views)
         return [(each.paths, contributions_of_pairs(few, each).reshape(pairs, len(each))) for each in (once, more)]
     often = multiple_amplitudes(few, more, bidirectional=tracer.bidirectional, reverse=reverse)
-    return [
-        _columns(once, np.square(np.abs(single_amplitudes(few, once)))),
-        _columns(more, np.square(np.abs(often))),
-    ]
+    return [_columns(once, np.square(np.abs(single_amplitudes(few, once)))), _columns(more, np.square(np.abs(often)))]
 
 
 def _lit(found: _Powers) -> bool:

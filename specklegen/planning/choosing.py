@@ -85,9 +85,7 @@ def _or_covariance(
     return drawn, [*kept, taken, *decisions], others | {name: best.cost().of(count)}
 
 
-def served(
-    scene: Scene, request: Request, kinds: tuple[type[Sampler], ...]
-) -> tuple[Sampler, list[Decision]]:
+def served(scene: Scene, request: Request, kinds: tuple[type[Sampler], ...]) -> tuple[Sampler, list[Decision]]:
     """The first sampler that serves, and what all that were asked say; one before it where that states less error."""
     decisions: list[Decision] = []
     for n, kind in enumerate(kinds):

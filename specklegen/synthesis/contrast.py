@@ -76,9 +76,7 @@ def window_powers(sight: Sight) -> list[torch.Tensor]:
     ]
 
 
-def speckle_variance(
-    sight: Sight, correlations: Correlations, light: LightBatch | None = None
-) -> torch.Tensor:
+def speckle_variance(sight: Sight, correlations: Correlations, light: LightBatch | None = None) -> torch.Tensor:
     """V by the differences (row, column) of two object pixels, neither below 0: float64[M, h, w].
 
     Of K that is not the same in all directions at differences 0, 1, ..., -2, -1: float64[M, 2h - 1, 2w - 1].

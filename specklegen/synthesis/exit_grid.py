@@ -116,9 +116,7 @@ def sampled_amplitude(x: Axis, y: Axis, window: Window, centre: tuple[float, flo
     return np.sqrt(power / power.sum())
 
 
-def disc_power(
-    width: torch.Tensor, count: torch.Tensor, size: torch.Tensor, rows: int, columns: int
-) -> torch.Tensor:
+def disc_power(width: torch.Tensor, count: torch.Tensor, size: torch.Tensor, rows: int, columns: int) -> torch.Tensor:
     """b^2 of round windows over cells, float64[M, rows, columns] with sum 1.
 
     Of width float64[M], count int64[M, 2] and size float64[M, 2] of the cells along (y, x). Cells that the edge cuts

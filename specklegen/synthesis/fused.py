@@ -25,8 +25,7 @@ STEPWISE: dict[str, str] = {}
 
 
 def fused(
-    schema: str, shape: Callable[..., Any], cpu: Callable[..., Any] | None = None, kernels: int = 1,
-    stepwise: str = "",
+    schema: str, shape: Callable[..., Any], cpu: Callable[..., Any] | None = None, kernels: int = 1, stepwise: str = ""
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Register a torch function as an operator.
 

@@ -48,12 +48,7 @@ def philox(key: torch.Tensor, block: torch.Tensor, sample: int = 0) -> list[torc
     words = [torch.zeros_like(block), block & _LOW, block >> 32, torch.full_like(block, sample)]
     for _ in range(10):
         p0, p1 = words[0] * _M0, words[2] * _M1
-        words = [
-            ((p1 >> 32) & _LOW) ^ words[1] ^ k0,
-            p1 & _LOW,
-            ((p0 >> 32) & _LOW) ^ words[3] ^ k1,
-            p0 & _LOW,
-        ]
+        words = [((p1 >> 32) & _LOW) ^ words[1] ^ k0, p1 & _LOW, ((p0 >> 32) & _LOW) ^ words[3] ^ k1, p0 & _LOW]
         k0, k1 = (k0 + _W0) & _LOW, (k1 + _W1) & _LOW
     return words
 

@@ -112,8 +112,6 @@ def _require_same(found: torch.Tensor, expected: torch.Tensor, what: str) -> Non
         raise RuntimeError(f"{what}: {share:.2g} of its numbers, by up to {most:.2g} of the largest")
 
 
-def each_time(
-    _name: Hashable, function: Callable[..., torch.Tensor], inputs: dict[str, torch.Tensor]
-) -> torch.Tensor:
+def each_time(_name: Hashable, function: Callable[..., torch.Tensor], inputs: dict[str, torch.Tensor]) -> torch.Tensor:
     """Call the function: what stands for :class:`Graphs` where there are none."""
     return function(**inputs)

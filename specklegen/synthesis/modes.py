@@ -251,9 +251,7 @@ def _fill_between_tilts(correlations: Correlations, lattice: Lattice, whole: tor
     first, second = torch.triu_indices(tilts, tilts)
     gap = base[first] - base[second]
     grain = _SAME_GAP * max(float(gap.abs().max()), float(lattice.step[0]))
-    _, kinds, which = np.unique(
-        (gap / (grain or 1.0)).round().numpy(), axis=0, return_index=True, return_inverse=True
-    )
+    _, kinds, which = np.unique((gap / (grain or 1.0)).round().numpy(), axis=0, return_index=True, return_inverse=True)
     which = torch.from_numpy(which.reshape(-1))
     dx, dy = _apart(lattice, gap[torch.from_numpy(kinds)][None])
     correlation = correlations.on_grid(dx[0], dy[0])
@@ -410,9 +408,7 @@ def _enough(triangle: torch.Tensor, lattice: Lattice, degree: int, tolerance: fl
     return (1 - reached(triangle, lattice.size) <= POLYNOMIAL_SHARE * tolerance).tolist()
 
 
-def _chosen(
-    triangle: torch.Tensor, power: torch.Tensor, lattice: Lattice, degree: int, tolerance: float
-) -> Modes:
+def _chosen(triangle: torch.Tensor, power: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> Modes:
     chosen = kept(power, lattice.size, tolerance)
     first = torch.sort((~chosen).to(torch.int8), dim=-1, stable=True)[1]
     rank = chosen.sum(-1)
@@ -421,9 +417,7 @@ def _chosen(
     return Modes(lattice, degree, ordered, rank)
 
 
-def _raised(
-    correlations: Correlations, known: torch.Tensor, lattice: Lattice, degree: int, tolerance: float
-) -> Modes:
+def _raised(correlations: Correlations, known: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> Modes:
     """Modes of one medium, of the first degree after ``degree`` that is enough: of 6, 9, 13, 19, ..."""
     squares = sum_of_squares(correlations, lattice)
     while True:

@@ -21,13 +21,7 @@ from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
-from specklegen.synthesis.exit_grid import (
-    Axis,
-    fft_flops,
-    matrix_flops,
-    sampled_amplitude,
-    stack_axes,
-)
+from specklegen.synthesis.exit_grid import Axis, fft_flops, matrix_flops, sampled_amplitude, stack_axes
 from specklegen.synthesis.gaussian_noise import complex_normals
 
 SMALL_PHASE = 1e-3

@@ -45,9 +45,7 @@ _LARGE_MEAN, _NODES = 12.0, 12
 """Mean above which so many nodes stand for all numbers: K and f are then right to 1e-6 (tests)."""
 
 
-def coherence(
-    stack: ScreenStack, wavelength: float, shift: np.ndarray, ways: np.ndarray | None = None
-) -> np.ndarray:
+def coherence(stack: ScreenStack, wavelength: float, shift: np.ndarray, ways: np.ndarray | None = None) -> np.ndarray:
     """Modulus of (1) over its value of two equal beams: field correlation over all views, float64[...].
 
     Parameters

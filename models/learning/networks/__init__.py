@@ -30,9 +30,7 @@ def parameter_count(network: nn.Module) -> int:
     return sum(p.numel() for p in network.parameters() if p.requires_grad)
 
 
-def build(
-    name: str, side: int, shape: tuple[int, int], width: int, seed: int, device: str = "cpu"
-) -> nn.Module:
+def build(name: str, side: int, shape: tuple[int, int], width: int, seed: int, device: str = "cpu") -> nn.Module:
     """Make a network whose first weights are a function of the seed; the global generator is left as it was.
 
     On the ``device`` "meta" it has no memory. Whatever the program around has set, weights are in single precision.

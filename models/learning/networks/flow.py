@@ -71,9 +71,7 @@ class Flow(nn.Module):
         How many pictures, and numbers, feedback has.
     """
 
-    def __init__(
-        self, frame: int = 36, width: int = 48, inner: int = 128, pictures: int = 4, numbers: int = 9
-    ) -> None:
+    def __init__(self, frame: int = 36, width: int = 48, inner: int = 128, pictures: int = 4, numbers: int = 9) -> None:
         super().__init__()
         self.frame, self.width, self.inner, self.pictures, self.numbers = frame, width, inner, pictures, numbers
         features = inner

@@ -221,9 +221,7 @@ def improved(image: Tensor, deviance: Deviance, steps: int = 1) -> tuple[Tensor,
     return image, gradient / 4, least
 
 
-def settled(
-    images: Tensor, deviance: Deviance, steps: int = SETTLING, rate: float = 0.1
-) -> tuple[Tensor, Tensor]:
+def settled(images: Tensor, deviance: Deviance, steps: int = SETTLING, rate: float = 0.1) -> tuple[Tensor, Tensor]:
     """Most probable images near those given, float[B, K, n, n], brightest pixels 1, and their deviances float[B, K].
 
     Adam on the logarithm of the brightness (Kingma and Ba, ICLR 2015); few steps, since many fit the noise.

@@ -242,11 +242,7 @@ def covariance(
 
 
 def covariance_blocks(
-    scene: Scene,
-    *,
-    rows: int,
-    budget: Budget | None = None,
-    **fields: Unpack[BudgetFields],
+    scene: Scene, *, rows: int, budget: Budget | None = None, **fields: Unpack[BudgetFields]
 ) -> Iterator[tuple[slice, Covariance]]:
     """Return the covariance by blocks of rows, for what does not fit into memory at once.
 

@@ -17,12 +17,7 @@ from specklegen.core.statistics import BATCHES
 from specklegen.paths.bank import BLOCK
 from specklegen.paths.far_field import far_field_decision
 from specklegen.paths.pilot import Pilot, volume_pilot
-from specklegen.samplers.covariance.cost import (
-    MOST_PAIRS,
-    covariance_operations,
-    eigen_operations,
-    field_operations,
-)
+from specklegen.samplers.covariance.cost import MOST_PAIRS, covariance_operations, eigen_operations, field_operations
 from specklegen.samplers.covariance.covariance import Covariance, covariance
 from specklegen.samplers.covariance.outer_products import AMPLITUDES, batches_side_by_side
 from specklegen.samplers.sampler import (

@@ -103,11 +103,7 @@ def direct_operations(tilts: int, connections: float, views: int, plain: bool = 
     """Operations to evaluate connections by the direct sum."""
     if not plain:
         return {"end": connections * (tilts + views), "product": connections * tilts * views}
-    return {
-        "end": connections * tilts,
-        "direct view": connections * views,
-        "direct tilt": connections * views * tilts,
-    }
+    return {"end": connections * tilts, "direct view": connections * views, "direct tilt": connections * views * tilts}
 
 
 def least_operations(scene: Scene, pilot: Pilot, paths: int) -> Mapping[str, float]:
@@ -210,5 +206,3 @@ def _volume_bytes(work: Work, threads: int) -> int:
     held = 16 * some * work.lights + work.chunks.connections * RECORD_BYTES + pairs * 16 * 2
     views = 16 * some * threads * min(work.views, VIEWS_AT_ONCE)
     return int(capacity + held * beside + views + pairs * 16 + FIXED_BYTES)
-
-

@@ -125,9 +125,7 @@ def is_plain_slab(layout: Layout) -> bool:
     return far and infinite and plain and int(volume.cells[VOXELS].prod()) == 1
 
 
-def _add_fused(
-    layout: Layout, bank: PathBank, factors: np.ndarray, field: np.ndarray, threads: Threads
-) -> None:
+def _add_fused(layout: Layout, bank: PathBank, factors: np.ndarray, field: np.ndarray, threads: Threads) -> None:
     """The same in one pass for a plain slab: factors of the views are found and summed at once, never held."""
     if len(bank) == 0 or field.size == 0:
         return
@@ -139,9 +137,7 @@ def _add_fused(
     _add_like(layout, bank, factors, field, threads)
 
 
-def _add_like(
-    layout: Layout, bank: PathBank, factors: np.ndarray, field: np.ndarray, threads: Threads
-) -> None:
+def _add_like(layout: Layout, bank: PathBank, factors: np.ndarray, field: np.ndarray, threads: Threads) -> None:
     """The same for connections of equal numbers of reflections."""
     single = bool(bank.orders[0] == 1)
     total = np.zeros(field.shape[::-1], np.complex128)

@@ -148,12 +148,7 @@ def _serves_single(layout: Layout, summation: NufftPlan) -> bool:
 
 
 def nufft_field(
-    layout: Layout,
-    bank: PathBank,
-    phases: np.ndarray,
-    summation: NufftPlan,
-    *,
-    threads: Threads = None,
+    layout: Layout, bank: PathBank, phases: np.ndarray, summation: NufftPlan, *, threads: Threads = None
 ) -> np.ndarray:
     """Sum over the connections of a bank, complex[T, H, W], divided by the root of the number of paths.
 
@@ -175,13 +170,7 @@ def nufft_field(
 
 
 def nufft_tile(
-    layout: Layout,
-    bank: PathBank,
-    phases: np.ndarray,
-    summation: NufftPlan,
-    tile: Tile,
-    *,
-    threads: Threads = None,
+    layout: Layout, bank: PathBank, phases: np.ndarray, summation: NufftPlan, tile: Tile, *, threads: Threads = None
 ) -> np.ndarray:
     """The part of :func:`nufft_field` on one of the summation's tiles, complex[T, h, w]: the same bits."""
     parts = [
@@ -239,9 +228,7 @@ class _Light:
     once: np.ndarray
 
 
-def _lights(
-    layout: Layout, bank: PathBank, phases: np.ndarray, summation: NufftPlan, threads: Threads
-) -> list[_Light]:
+def _lights(layout: Layout, bank: PathBank, phases: np.ndarray, summation: NufftPlan, threads: Threads) -> list[_Light]:
     """All connections, or multiple and single scattering, whichever there are."""
     is_single = bank.orders == 1
     if summation.single is None:
@@ -300,9 +287,7 @@ def _load(layout: Layout, light: _Light, tile: Tile, summation: NufftPlan, threa
     return _Load(light, points, sensor, coupling)
 
 
-def _tile_field(
-    layout: Layout, lights: list[_Light], tile: Tile, summation: NufftPlan, threads: Threads
-) -> np.ndarray:
+def _tile_field(layout: Layout, lights: list[_Light], tile: Tile, summation: NufftPlan, threads: Threads) -> np.ndarray:
     """Field on one tile, complex[T, h, w], times the root of the number of paths."""
     loads = [_load(layout, light, tile, summation, threads) for light in lights]
     # Fixed parts of skeleton views and tilts: the bits must not depend on the number of threads.

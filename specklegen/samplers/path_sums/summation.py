@@ -111,7 +111,5 @@ def summation_decision(
     rows, columns = nufft.tiling.counts
     tiles = "" if nufft.tiles == 1 else f" in {rows}x{columns} tiles"
     return nufft, Decision(
-        part,
-        True,
-        f"rank {nufft.rank}{tiles} at a relative field error of {nufft.error:.1g} on held-out connections",
+        part, True, f"rank {nufft.rank}{tiles} at a relative field error of {nufft.error:.1g} on held-out connections"
     )

@@ -97,8 +97,7 @@ def _envelope(sight: Sight, n: int, stack: ScreenStack) -> tuple[int, np.ndarray
 
     pitch = float(sight.camera_pitch[n])
     y, x = (
-        sight.center[1 - axis] + (np.arange(count) - (count - 1) / 2) * pitch
-        for axis, count in enumerate(sight.camera)
+        sight.center[1 - axis] + (np.arange(count) - (count - 1) / 2) * pitch for axis, count in enumerate(sight.camera)
     )
     degree = degree_of(squared, x, y, point=not half.any())
     if degree is None:

@@ -133,9 +133,7 @@ class Prepared:
         roots = causal_root if scene.film else tilt_roots
         if scene.polarisers is not None:
             both: Any = self._polarised_fields
-            return stack_sampler(
-                scene, both, roots=lambda full: both.analysed(roots(full)), drift=self.drift
-            )
+            return stack_sampler(scene, both, roots=lambda full: both.analysed(roots(full)), drift=self.drift)
         correlation: Any = self.correlation
         many = None if scene.film or self.drift is not None else many_tilts(scene, correlation)
         if many is not None:

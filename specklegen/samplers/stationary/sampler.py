@@ -18,14 +18,7 @@ from specklegen.core.values import remembered
 from specklegen.memory_effects.atlas import TOLERANCE, Errors, atlas_correlation, atlas_errors
 from specklegen.paths.axial_pilot import AxialPilot, axial_pilot
 from specklegen.paths.pilot import Pilot, scene_pilot
-from specklegen.samplers.sampler import (
-    FIXED_BYTES,
-    TORCH_BYTES,
-    Abilities,
-    MediaRequest,
-    MediaSampler,
-    Request,
-)
+from specklegen.samplers.sampler import FIXED_BYTES, TORCH_BYTES, Abilities, MediaRequest, MediaSampler, Request
 from specklegen.samplers.stationary.envelope import Envelope
 from specklegen.samplers.stationary.object_maps import ObjectMaps, object_of
 from specklegen.samplers.stationary.rule import (
