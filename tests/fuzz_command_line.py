@@ -35,21 +35,9 @@ HUGE = "9" * 5000
 WHOLE = ["-3", "0", "1", "2", "3", "7", "2.5", "x", "", "²", HUGE, "12345678901234567890", "-9223372036854775809"]
 REAL = ["-1", "0", "0.5", "1", "3", "nan", "inf", "-inf", "1e300", "1e-300", "1e400", "x", "", HUGE]
 WORDS = [
-    "",
-    "x",
-    "auto",
-    "camera",
-    "stationary",
-    "reflection",
-    "png",
-    "train",
-    "validation",
-    "dense",
-    "²/3",
-    "1/0",
-    "3/2",
+    "", "x", "auto", "camera", "stationary", "reflection", "png", "train", "validation", "dense", "²/3", "1/0", "3/2",
     "1/3",
-]
+]  # fmt: skip
 NAMES = ["through-slab", "tilt-stack", "two-tilts", "thruogh-slab", "unknown-slab"]
 FILES = [
     "good.toml", "pictures.toml", "deep.toml", "deep.json", "deep-keys.toml", "huge.toml", "hex.toml", "huge.json",
@@ -146,18 +134,13 @@ def make_files(folder: Path) -> None:
         "deep.json": "[" * 100_000,
         "huge.toml": f"wavelength = {HUGE}\n",
         "hex.toml": 'inherits = "through-slab"\n[material]\ng = 0x' + "f" * 5000 + "\n",
-        "huge.json": '{"wavelength": ' + HUGE + "}",
-        "list.json": "[1, 2]",
-        "empty.toml": "",
-        "circle-a.toml": 'inherits = "circle-b.toml"\n',
-        "circle-b.toml": 'inherits = "./folder/../circle-a.toml"\n',
+        "huge.json": '{"wavelength": ' + HUGE + "}", "list.json": "[1, 2]", "empty.toml": "",
+        "circle-a.toml": 'inherits = "circle-b.toml"\n', "circle-b.toml": 'inherits = "./folder/../circle-a.toml"\n',
         "circle-spelt.toml": 'inherits = "folder/../circle-spelt.toml"\n',
         **{f"chain-{n}.toml": f'inherits = "chain-{n + 1}.toml"\n' for n in range(20)},
-        "inherits-7.toml": "inherits = 7\n",
-        "inherits-table.toml": "[inherits]\na = 1\n",
-        "inherits-missing.toml": 'inherits = "nothing"\n',
-        "kind-list.toml": "kind = []\n",
-    }
+        "inherits-7.toml": "inherits = 7\n", "inherits-table.toml": "[inherits]\na = 1\n",
+        "inherits-missing.toml": 'inherits = "nothing"\n', "kind-list.toml": "kind = []\n",
+    }  # fmt: skip
     for name, text in texts.items():
         (folder / name).write_text(text)
     (folder / "latin.toml").write_bytes('name = "é"\n'.encode("latin-1"))
@@ -166,11 +149,9 @@ def make_files(folder: Path) -> None:
     (folder / "folder" / "inner.toml").write_text('inherits = "../pictures.toml"\n')
     (folder / "loop").symlink_to("loop")
     scene = sg.Scene(
-        wavelength=0.5,
-        medium=sg.Slab(thickness=100.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(g=0.5)),
-        illumination=sg.CollimatedBeams.tilts([0.0], width=1000.0),
-        sensor=sg.FarField.grid((8, 8), 1e-4),
-    )
+        wavelength=0.5, medium=sg.Slab(thickness=100.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(g=0.5)),
+        illumination=sg.CollimatedBeams.tilts([0.0], width=1000.0), sensor=sg.FarField.grid((8, 8), 1e-4),
+    )  # fmt: skip
     (folder / "scene.toml").write_text(scene.to_toml())
     (folder / "scene.json").write_text(scene.canonical_json())
     for name in ("pictures", "odd-pictures"):

@@ -79,12 +79,9 @@ def tend(folder: Path) -> None:
 
 
 SCENES: dict[str, tuple[Callable[[Path], None] | None, Callable[[Path], None]]] = {
-    "create": (None, create),
-    "generate": (None, fill),
-    "grow": (create, fill),
-    "repair": (damage, repair),
+    "create": (None, create), "generate": (None, fill), "grow": (create, fill), "repair": (damage, repair),
     "tend": (wear, tend),
-}
+}  # fmt: skip
 """Name to what is there before, and what is killed."""
 
 DAMAGED = ("repair", "tend")

@@ -22,11 +22,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 SETTINGS: dict[str, dict[str, str]] = {
-    "as it is": {},
-    "torch without AVX": {"ATEN_CPU_CAPABILITY": "default"},
-    "Numba for any processor": {"NUMBA_CPU_NAME": "generic"},
-    "MKL with AVX2": {"MKL_CBWR": "AVX2"},
-}
+    "as it is": {}, "torch without AVX": {"ATEN_CPU_CAPABILITY": "default"},
+    "Numba for any processor": {"NUMBA_CPU_NAME": "generic"}, "MKL with AVX2": {"MKL_CBWR": "AVX2"},
+}  # fmt: skip
 """What is set in the environment, by its name; the first is what the others are compared with."""
 TOGETHER = "an older processor"
 """All of them at once."""

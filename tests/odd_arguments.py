@@ -232,28 +232,18 @@ def values() -> Iterator[Call]:
 def laboratory():
     """A laboratory."""
     return instrument.LabSetup(
-        wavelength=0.532,
-        object_distance=2e5,
-        object_extent=30.0,
-        aperture=5e3,
-        camera_distance=1e5,
-        pixel_pitch=5.0,
-        pixels=[8, 8],
-        oversampling=2,
-        refractive_index=1.4,
-    )
+        wavelength=0.532, object_distance=2e5, object_extent=30.0, aperture=5e3, camera_distance=1e5, pixel_pitch=5.0,
+        pixels=[8, 8], oversampling=2, refractive_index=1.4,
+    )  # fmt: skip
 
 
 @cache
 def focus():
     """A cylindrical lens."""
     return coherence.CylindricalFocus(
-        half_aperture=100.0,
-        focal_length=1e4,
-        wavelength=0.5,
-        n_source=8,
+        half_aperture=100.0, focal_length=1e4, wavelength=0.5, n_source=8,
         detector=coherence.TransverseDetector(half_width=100.0, n_pixels=4),
-    )
+    )  # fmt: skip
 
 
 VERB = {"paths": 200, "seed": 0, "threads": 1}
@@ -264,70 +254,53 @@ def verbs() -> Iterator[Call]:
     """Public functions of scenes and media."""
     shared = VERB | {"reverse": "auto"}
     yield Call(
-        "plan",
-        sg.plan,
+        "plan", sg.plan,
         {
-            "scene": SCENE,
-            "paths": 200,
-            "rel_error": None,
-            "sampler": "auto",
-            "reverse": "auto",
-            "mean": False,
-            "field_tolerance": 1e-3,
-            "streamed": False,
-            "envelope": True,
-            "realizations": 3,
-            "threads": 1,
+            "scene": SCENE, "paths": 200, "rel_error": None, "sampler": "auto", "reverse": "auto", "mean": False,
+            "field_tolerance": 1e-3, "streamed": False, "envelope": True, "realizations": 3, "threads": 1,
         },
-    )
+    )  # fmt: skip
     drawn = {"sampler": "auto", "field_tolerance": 1e-3}
     for sampler in ("paths", "stationary"):
         yield Call(
-            f"render by {sampler}",
-            sg.render,
+            f"render by {sampler}", sg.render,
             {"scene": SCENE, "realizations": 2 if sampler == "stationary" else 1, "mean": False}
             | shared
             | drawn
             | {"sampler": sampler},
-        )
+        )  # fmt: skip
     yield Call(
-        "render of screens",
-        sg.render,
+        "render of screens", sg.render,
         {"scene": SCENE.replace(medium=STACK), "sampler": "screens", "realizations": 1, "seed": 0, "threads": 1},
-    )
+    )  # fmt: skip
     yield Call("render to an error", sg.render, {"scene": SCENE, "sampler": "paths", "rel_error": 0.9, "seconds": 0.2})
     yield Call("render a film", sg.render, {"scene": FILM, "realizations": 1} | shared | drawn)
     yield Call("render_to_zarr", lambda **given: sg.render_to_zarr(out=fresh(), **given),
                {"scene": SCENE, "progress": False} | shared)  # fmt: skip
     yield Call(
-        "render_partially_coherent",
-        sg.render_partially_coherent,
+        "render_partially_coherent", sg.render_partially_coherent,
         {"scene": SCENE, "coherence_length": 10.0, "realizations": 1} | shared | drawn,
-    )
+    )  # fmt: skip
     yield Call(
         "transmission_matrix", sg.transmission_matrix, {"scene": SCENE, "modes": np.eye(2), "mean": False} | shared
     )
     yield Call("Budget", sg.Budget, {"paths": 9, "seed": 0, "threads": 1, "reverse": "auto", "tolerance": 0.02})
     yield Call("mean_field", sg.mean_field, {"scene": SCENE, "most_nodes": 2e8})
     yield Call(
-        "reflectance_transmittance",
-        sg.reflectance_transmittance,
+        "reflectance_transmittance", sg.reflectance_transmittance,
         {"medium": SLAB, "angle": 0.1, "angles": np.linspace(0, np.pi / 2, 4)} | VERB,
-    )
+    )  # fmt: skip
     effect = {"wavelength": 0.5, "tilts": [0.0, 0.01]}
     for mode in ("transmission", "reflection"):
         yield Call(
-            f"memory_effect in {mode}",
-            sg.memory_effect,
+            f"memory_effect in {mode}", sg.memory_effect,
             {
-                "medium": SLAB,
-                "mode": mode,
-                "view": [0.0, 0.0, 1.0 if mode == "transmission" else -1.0],
+                "medium": SLAB, "mode": mode, "view": [0.0, 0.0, 1.0 if mode == "transmission" else -1.0],
                 "tolerance": 0.02,
             }
             | effect
             | shared,
-        )
+        )  # fmt: skip
     polarised = SLAB.replace(polarisation="projector")
     yield Call("memory_effect of polarised light", sg.memory_effect,
                {"medium": polarised, "channel": "co", "azimuth": 0.3, "paths": 100} | effect)  # fmt: skip
@@ -338,10 +311,9 @@ def verbs() -> Iterator[Call]:
                {"light": [1, 0], "seen": [0, 1]})  # fmt: skip
     yield Call("memory_effect of screens", sg.memory_effect, {"medium": STACK} | effect)
     yield Call(
-        "memory_effect of faces",
-        sg.memory_effect,
+        "memory_effect of faces", sg.memory_effect,
         {"medium": SLAB.replace(faces=sg.Faces(inside=1.4, outside=1.0)), "rel_error": 0.5} | effect,
-    )
+    )  # fmt: skip
     yield Call("joint_correlation", sg.joint_correlation, {"medium": SLAB, "shifts": [0.0, 1.0]} | effect | VERB)
     moved = {"medium": MOVING, "wavelength": 0.5, "lags": [0.0, 0.01]}
     yield Call("joint_correlation in time", sg.joint_correlation,
@@ -353,27 +325,21 @@ def verbs() -> Iterator[Call]:
                {"radius": 0.25, "viscosity": 1e-3, "temperature": 293.0, "unit": 1e-6})  # fmt: skip
     yield Call("Brownian.mean_square", sg.Brownian(diffusion=1.0).mean_square, {"lag": [0.0, 1.0]}, ("lag",))
     yield Call(
-        "covariance",
-        sg.covariance,
+        "covariance", sg.covariance,
         {"scene": SCENE, "pairs": [[0, 0, 1, 0]], "orders": "auto", "tolerance": 0.02} | shared,
-    )
+    )  # fmt: skip
     yield Call("covariance_blocks", sg.covariance_blocks, {"scene": SCENE, "rows": 2, "tolerance": 0.02} | shared)
     yield Call(
-        "stack_like",
-        sg.stack_like,
+        "stack_like", sg.stack_like,
         {
-            "slab": SLAB.replace(scatterer=sg.HenyeyGreenstein(g=0.98)),
-            "wavelength": 0.5,
-            "screens": 2,
-            "paths": 500,
+            "slab": SLAB.replace(scatterer=sg.HenyeyGreenstein(g=0.98)), "wavelength": 0.5, "screens": 2, "paths": 500,
             "seed": 0,
         },
-    )
+    )  # fmt: skip
     yield Call(
-        "render_tiles",
-        sg.render_tiles,
+        "render_tiles", sg.render_tiles,
         {"scene": SCENE, "realization": 0, "mean": False} | shared | drawn | {"sampler": "paths"},
-    )
+    )  # fmt: skip
     yield Call("CollimatedBeams.tilts", sg.CollimatedBeams.tilts, {"angles": [0.0, 0.1], "width": 40.0})
     filmed = {"directions": np.eye(3)[[2, 2]], "width": 40.0, "times": [0.0, 1.0]}
     yield Call("CollimatedBeams", sg.CollimatedBeams, filmed | {"exposure": [0.5, 1.0], "sub_frames": 3})
@@ -412,21 +378,13 @@ def others() -> Iterator[Call]:
     yield Call("materials.about", materials.about, {"name": "milk"}, ("name",))
     yield Call("materials.draw", materials.draw, skin | {"seed": 0}, ("name",))
     yield Call(
-        "materials.memory_range",
-        materials.memory_range,
+        "materials.memory_range", materials.memory_range,
         {
-            "name": "intralipid",
-            "wavelength": 0.633,
-            "thickness": 500.0,
-            "outside": (1.0, None),
-            "unit": 1e-6,
-            "draws": 1,
-            "paths": 300,
-            "seed": 0,
-            "lobe": None,
+            "name": "intralipid", "wavelength": 0.633, "thickness": 500.0, "outside": (1.0, None), "unit": 1e-6,
+            "draws": 1, "paths": 300, "seed": 0, "lobe": None,
         },
         ("name",),
-    )
+    )  # fmt: skip
     for name, given in {
         "coherent_modes": {"W0": W0, "n_modes": 2, "energy": 0.9},
         "effective_modes": {"W": W0},
@@ -460,10 +418,9 @@ def others() -> Iterator[Call]:
     yield bound("CylindricalFocus.monte_carlo", focus().monte_carlo, n_rays=8, seed=0)
     image = np.ones((4, 4))
     yield Call(
-        "instrument.expose",
-        instrument.expose,
+        "instrument.expose", instrument.expose,
         {"camera": instrument.Camera(photons=10.0), "image": image, "streams": instrument.NoiseStreams.of(7)},
-    )
+    )  # fmt: skip
     yield Call("instrument.depolarised", instrument.depolarised, {"image": image, "independent": image, "degree": 0.5})
     yield Call(
         "instrument.incoherent_sum", instrument.incoherent_sum, {"images": np.ones((2, 4, 4)), "weights": [1.0, 1.0]}
@@ -498,20 +455,12 @@ def others() -> Iterator[Call]:
         "Recipe.batch", recipe().batch, {"seed": 0, "split": "train", "indices": [0, 1]}, ("seed", "split", "indices")
     )
     yield Call(
-        "SpeckleStream",
-        SpeckleStream,
+        "SpeckleStream", SpeckleStream,
         {
-            "recipe": recipe(),
-            "seed": 0,
-            "split": "train",
-            "batch_size": 2,
-            "rank": 0,
-            "world": 1,
-            "drop_last": False,
-            "device": "cpu",
-            "graphs": True,
+            "recipe": recipe(), "seed": 0, "split": "train", "batch_size": 2, "rank": 0, "world": 1, "drop_last": False,
+            "device": "cpu", "graphs": True,
         },
-    )
+    )  # fmt: skip
     cache = SpeckleCache(stored())
     yield Call("SpeckleCache.shuffled", cache.shuffled, {"batch_size": 2, "seed": 0, "buffer_shards": 1})
     yield Call("SpeckleCache.batch", cache.batch, {"indices": [0, 1]}, ("indices",))
@@ -520,104 +469,82 @@ def others() -> Iterator[Call]:
                 "processes": 1, "shard_range": (0, 1)})  # fmt: skip
     yield Call("SpeckleCache", SpeckleCache, {"folder": Lazy(stored), "missing": "raise", "recipe": Lazy(recipe)})
     yield Call(
-        "models.periodogram",
-        models.periodogram,
+        "models.periodogram", models.periodogram,
         {"images": IMAGES, "tile": 16, "background": 0.0, "sigma": 2.0, "electrons": 1e3, "read_noise": 0.1},
-    )
+    )  # fmt: skip
     yield Call("models.expected_deviance", models.expected_deviance, {"looks": 4.0})
     yield Call("models.align", models.align, {"image": IMAGES, "target": IMAGES})
     yield Call("models.scores", models.scores, {"image": IMAGES, "target": IMAGES})
     yield Call(
-        "models.bootstrap",
-        models.bootstrap,
+        "models.bootstrap", models.bootstrap,
         {
-            "values": np.arange(6.0),
-            "media": np.arange(6) % 3,
-            "characters": None,
-            "confidence": 0.9,
-            "resamples": 50,
+            "values": np.arange(6.0), "media": np.arange(6) % 3, "characters": None, "confidence": 0.9, "resamples": 50,
             "seed": 0,
         },
-    )
+    )  # fmt: skip
     yield Call(
-        "models.measured_memory_effect",
-        models.measured_memory_effect,
+        "models.measured_memory_effect", models.measured_memory_effect,
         {"distance": [0.0, 1.0, 2.0, 3.0], "values": [1.0, 0.8, 0.4, 0.1]},
-    )
+    )  # fmt: skip
     yield Call(
-        "models.retrieve",
-        models.retrieve,
+        "models.retrieve", models.retrieve,
         {
-            "autocorrelation": IMAGES[0],
-            "retrieval": models.Retrieval(restarts=2, steps=3, error_reduction=1),
-            "memory_effect": torch.ones(32, 32),
-            "transfer": None,
-            "seed": 0,
-            "threads": 1,
+            "autocorrelation": IMAGES[0], "retrieval": models.Retrieval(restarts=2, steps=3, error_reduction=1),
+            "memory_effect": torch.ones(32, 32), "transfer": None, "seed": 0, "threads": 1,
         },
-    )
+    )  # fmt: skip
     yield Call(
         "models.Optics", models.Optics, {"step": 0.1, "grain": 0.4, "profile": "square", "pixel_integration": False}
     )
     yield Call(
-        "models.SpeckleLikelihood",
-        models.SpeckleLikelihood,
+        "models.SpeckleLikelihood", models.SpeckleLikelihood,
         {"seen": seen(), "shape": (8, 8), "optics": models.Optics(0.1, 0.4)},
-    )
+    )  # fmt: skip
     yield Call(
-        "models.turn_of",
-        models.turn_of,
+        "models.turn_of", models.turn_of,
         {"images": IMAGES, "objects": IMAGES[:, 0, :8, :8] + 1.0, "optics": models.Optics(1.0, 3.0), "noise": 0.01},
-    )
+    )  # fmt: skip
     yield Call(
-        "models.joint_objects",
-        models.joint_objects,
+        "models.joint_objects", models.joint_objects,
         {"images": IMAGES[0], "objects": IMAGES[0, :, :8, :8] + 1.0, "optics": models.Optics(1.0, 3.0)},
-    )
+    )  # fmt: skip
     yield Call(
-        "models.multiframe_deconvolution",
-        models.multiframe_deconvolution,
+        "models.multiframe_deconvolution", models.multiframe_deconvolution,
         {"images": IMAGES[0], "optics": models.Optics(1.0, 3.0), "size": 8, "background": 0.0, "sigma": 8.0,
          "starts": 1, "seed": 0},
     )  # fmt: skip
     yield Call(
-        "models.recoverable",
-        models.recoverable,
+        "models.recoverable", models.recoverable,
         {"recipe": "through-slab", "compensation": True, "beam": np.inf, "removal": 0.0, "media": 1, "seed": 0},
-    )
+    )  # fmt: skip
     yield Call(
-        "models.judge_photograph",
-        models.judge_photograph,
+        "models.judge_photograph", models.judge_photograph,
         {"photographs": IMAGES[0], "dark": 0.0, "camera": instrument.Camera(photons=10.0)},
-    )
+    )  # fmt: skip
     yield Call(
-        "models.evaluate",
-        models.evaluate,
+        "models.evaluate", models.evaluate,
         {"methods": {"one": lambda batch: batch["image"]}, "batches": Lazy(hidden), "profile": "square"},
-    )
+    )  # fmt: skip
 
 
 def waves() -> Iterator[Call]:
     """Public functions of wave tracing."""
     mesh, geometry = screen()
     yield Call(
-        "aperture_transform",
-        wavetracing.aperture_transform,
+        "aperture_transform", wavetracing.aperture_transform,
         {"opening": SQUARE, "xi": [[0.1, 0.2]], "amplitude": 1.0, "tolerance": 1e-3},
-    )
+    )  # fmt: skip
     yield Call(
         "gaussian_mass", wavetracing.gaussian_mass, {"polygon": SQUARE, "covariance": np.eye(2), "mean": (0.0, 0.0)}
     )
     yield Call(
-        "GaussianBeam",
-        wavetracing.GaussianBeam,
+        "GaussianBeam", wavetracing.GaussianBeam,
         {"origin": [0.0] * 3, "direction": UP, "sigma": np.eye(2), "wavelength": 0.1, "rho": 0.0},
-    )
+    )  # fmt: skip
     yield Call(
-        "bilinear_intensity",
-        wavetracing.bilinear_intensity,
+        "bilinear_intensity", wavetracing.bilinear_intensity,
         {"contributions": np.ones((3, 4), complex), "unbiased": True},
-    )
+    )  # fmt: skip
     field = wavetracing.PlaneField(np.ones((8, 8), complex), 0.05, 0.1)
     yield Call(
         "PlaneField", wavetracing.PlaneField, {"values": np.ones((8, 8), complex), "pitch": 0.05, "wavelength": 0.1}
@@ -626,37 +553,25 @@ def waves() -> Iterator[Call]:
     yield Call("window_losses", wavetracing.window_losses, {"fields": field})
     yield Call("Mask", wavetracing.Mask, {"values": np.ones((2, 3)), "pitch": 0.5, "center": [0.0, 0.0]})
     yield Call(
-        "GaussianLaser",
-        wavetracing.GaussianLaser,
+        "GaussianLaser", wavetracing.GaussianLaser,
         {"position": [0.0] * 3, "direction": UP, "waist": 1.0, "wavelength": 0.1, "power": 1.0},
-    )
+    )  # fmt: skip
     yield Call(
-        "WaveSum",
-        wavetracing.WaveSum,
+        "WaveSum", wavetracing.WaveSum,
         {"directions": np.array([UP]), "amplitudes": np.ones(1, complex), "wavelength": 0.1},
-    )
+    )  # fmt: skip
     yield Call(
-        "light_behind",
-        wavetracing.light_behind,
+        "light_behind", wavetracing.light_behind,
         {"values": np.ones((2, 2), complex), "sensor": sg.FarField.grid((2, 2), 0.01), "wavelength": 0.1},
-    )
+    )  # fmt: skip
     yield Call(
-        "coverage",
-        wavetracing.coverage,
+        "coverage", wavetracing.coverage,
         {
-            "geometry": geometry,
-            "transmitter": wavetracing.Transmitter(position=[0.0, 0.0, -5.0], power=1.0),
-            "plane": PLANE,
-            "frequency": 3e9,
-            "method": "wave",
-            "gain": 1.0,
-            "beams": 20,
-            "seed": 0,
-            "max_events": 4,
-            "diffraction": "fraunhofer",
-            "threads": 1,
+            "geometry": geometry, "transmitter": wavetracing.Transmitter(position=[0.0, 0.0, -5.0], power=1.0),
+            "plane": PLANE, "frequency": 3e9, "method": "wave", "gain": 1.0, "beams": 20, "seed": 0, "max_events": 4,
+            "diffraction": "fraunhofer", "threads": 1,
         },
-    )
+    )  # fmt: skip
     yield Call(
         "Mesh", wavetracing.Mesh, {"vertices": mesh.vertices, "faces": mesh.faces, "material": wavetracing.Absorber()}
     )
@@ -669,88 +584,48 @@ def waves() -> Iterator[Call]:
     )
     yield Call("itu_permittivity", wavetracing.itu_permittivity, {"name": "concrete", "frequency": 3e9})
     yield Call(
-        "sample_pattern",
-        wavetracing.sample_pattern,
+        "sample_pattern", wavetracing.sample_pattern,
         {
-            "opening": SQUARE,
-            "count": 3,
-            "seed": 0,
-            "method": "rejection",
-            "amplitude": 1.0,
-            "wavelength": 0.1,
+            "opening": SQUARE, "count": 3, "seed": 0, "method": "rejection", "amplitude": 1.0, "wavelength": 0.1,
             "threads": 1,
         },
-    )
+    )  # fmt: skip
     yield Call(
-        "sample_slits",
-        wavetracing.sample_slits,
+        "sample_slits", wavetracing.sample_slits,
         {
-            "widths": [1.0, 1.0],
-            "centres": [-2.0, 2.0],
-            "phases": [0.0, 0.0],
-            "count": 3,
-            "seed": 0,
-            "wavelength": 0.1,
-            "threads": 1,
+            "widths": [1.0, 1.0], "centres": [-2.0, 2.0], "phases": [0.0, 0.0], "count": 3, "seed": 0,
+            "wavelength": 0.1, "threads": 1,
         },
-    )
+    )  # fmt: skip
     yield Call(
-        "coherent_rays",
-        wavetracing.coherent_rays,
+        "coherent_rays", wavetracing.coherent_rays,
         {
-            "geometry": geometry,
-            "source": EMITTER,
-            "points": [[0.0, 0.0, 5.0]],
-            "reflections": 1,
-            "diffractions": 1,
+            "geometry": geometry, "source": EMITTER, "points": [[0.0, 0.0, 5.0]], "reflections": 1, "diffractions": 1,
             "polarisation": "soft",
         },
-    )
+    )  # fmt: skip
     yield Call(
-        "coherent_paths",
-        wavetracing.coherent_paths,
+        "coherent_paths", wavetracing.coherent_paths,
         {
-            "geometry": geometry,
-            "source": EMITTER,
-            "point": [0.0, 0.0, 5.0],
-            "reflections": 1,
-            "diffractions": 1,
-            "polarisation": "soft",
-            "surfaces": "perfect",
+            "geometry": geometry, "source": EMITTER, "point": [0.0, 0.0, 5.0], "reflections": 1, "diffractions": 1,
+            "polarisation": "soft", "surfaces": "perfect",
         },
-    )
+    )  # fmt: skip
     for method in ("boundary", "spectrum", "utd", "fraunhofer"):
         yield Call(
-            f"field_on_plane by {method}",
-            wavetracing.field_on_plane,
+            f"field_on_plane by {method}", wavetracing.field_on_plane,
             {
-                "opening": SQUARE,
-                "light": WAVE,
-                "plane": PLANE,
-                "method": method,
-                "polarisation": "soft",
-                "padding": 2.0,
-                "shift": [0.0] * 3,
-                "rotation": np.eye(3),
-                "threads": 1,
+                "opening": SQUARE, "light": WAVE, "plane": PLANE, "method": method, "polarisation": "soft",
+                "padding": 2.0, "shift": [0.0] * 3, "rotation": np.eye(3), "threads": 1,
             },
-        )
+        )  # fmt: skip
     yield Call(
-        "trace",
-        wavetracing.trace,
+        "trace", wavetracing.trace,
         {
-            "geometry": geometry,
-            "emitter": EMITTER,
-            "planes": PLANE,
-            "beams": 20,
-            "seed": 0,
-            "mode": "wave",
-            "diffraction": "fraunhofer",
-            "amplitude": "auto",
-            "max_events": 4,
-            "threads": 1,
+            "geometry": geometry, "emitter": EMITTER, "planes": PLANE, "beams": 20, "seed": 0, "mode": "wave",
+            "diffraction": "fraunhofer", "amplitude": "auto", "max_events": 4, "threads": 1,
         },
-    )
+    )  # fmt: skip
     wedge = {"n": 1.5, "phi": [1.0], "incidence": [0.5], "distance": [10.0], "k": 6.0}
     yield Call("lossy_wedge_field", wavetracing.lossy_wedge_field, wedge | {"permittivity": 4 + 1j, "boundary": "soft"})
     yield Call("wedge_coefficients", wavetracing.wedge_coefficients, wedge | {"beta": 1.2})

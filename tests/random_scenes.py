@@ -31,11 +31,9 @@ def tables(draw) -> sg.Tabulated:
 
 
 particles = st.one_of(
-    st.just(sg.Isotropic()),
-    anisotropies.map(lambda g: sg.HenyeyGreenstein(g=g)),
-    powers(-6, 4).map(lambda k: sg.VonMisesFisher(concentration=k)),
-    tables(),
-)
+    st.just(sg.Isotropic()), anisotropies.map(lambda g: sg.HenyeyGreenstein(g=g)),
+    powers(-6, 4).map(lambda k: sg.VonMisesFisher(concentration=k)), tables(),
+)  # fmt: skip
 mixtures = st.tuples(particles, particles, st.floats(0, 1)).map(
     lambda drawn: sg.Mixture(types=drawn[:2], fractions=(drawn[2], 1 - drawn[2]))
 )

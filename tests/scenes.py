@@ -18,11 +18,9 @@ ISOTROPIC = sg.Isotropic()
 def slab(optical_depth=10.0, g=0.0, albedo=1.0, thickness=100.0):
     """A slab of Henyey and Greenstein's particles, or isotropic ones."""
     return sg.Slab(
-        thickness=thickness,
-        mean_free_path=thickness / optical_depth,
-        albedo=albedo,
+        thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo,
         scatterer=sg.HenyeyGreenstein(g=g) if g else ISOTROPIC,
-    )
+    )  # fmt: skip
 
 
 def flat_box(lights, sensor, *, half=10.0, mean_free_path=10.0, scatterer=ISOTROPIC, **medium):
@@ -32,8 +30,7 @@ def flat_box(lights, sensor, *, half=10.0, mean_free_path=10.0, scatterer=ISOTRO
         medium=sg.Box(
             lower=[-half] * 2, upper=[half] * 2, mean_free_path=mean_free_path, scatterer=scatterer, **medium
         ),
-        illumination=sg.PlaneWaves.tilts(np.deg2rad(lights), dimensions=2),
-        sensor=sensor,
+        illumination=sg.PlaneWaves.tilts(np.deg2rad(lights), dimensions=2), sensor=sensor,
     )  # fmt: skip
 
 

@@ -24,10 +24,8 @@ def names_of(function, argument):
 @pytest.mark.parametrize(
     ("one", "other"),
     [
-        (get_args(SplitName), tuple(SPLITS)),
-        (get_args(get_args(recipe_options.Split)[0]), tuple(SPLITS)),
-        (get_args(curve.Mode), SIDES),
-        (names_of(scenes.memory_effect_command, "mode"), SIDES),
+        (get_args(SplitName), tuple(SPLITS)), (get_args(get_args(recipe_options.Split)[0]), tuple(SPLITS)),
+        (get_args(curve.Mode), SIDES), (names_of(scenes.memory_effect_command, "mode"), SIDES),
         (names_of(stores.export, "format"), names_of(export, "format")),
         (get_args(material.SplitRanges.model_fields["parameter"].annotation), material._PARAMETERS),
     ],

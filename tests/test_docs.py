@@ -58,12 +58,11 @@ SHORTER = [
     ('load_recipe("setup.toml")', 'load_recipe("setup.toml", {"samples": {"train": 64}})'),
     ("for epoch in range(10):", "for epoch in range(1):"),
     ("rel_error=0.02)", "rel_error=0.2)"),
-    ("n_rays=100_000", "n_rays=2000"),
-    ("monte_carlo_mean(layer, 4000, seed=0)", "monte_carlo_mean(layer, 8, seed=0)"),
+    ("n_rays=100_000", "n_rays=2000"), ("monte_carlo_mean(layer, 4000, seed=0)", "monte_carlo_mean(layer, 8, seed=0)"),
     ("range(8)))", "range(2)))"),
     ("samples=128, folder", "samples=8, folder"),
     ("paths=2000, seed=0, reverse=False)", "paths=50, seed=0, reverse=False)"),
-]
+]  # fmt: skip
 
 
 def shorter(text: str) -> str:
@@ -153,12 +152,9 @@ def test_every_sampler_stands_on_the_pages_that_list_them():
 @pytest.mark.parametrize(
     ("page", "registry", "users"),
     [
-        ("recipes.md", ObjectFamily.registry, "objects.type"),
-        ("extending.md", ObjectFamily.registry, "objects.type"),
-        ("extending.md", KINDS, "kind"),
-        ("extending.md", sg.Sensor.registry, "sensor.type"),
-        ("extending.md", NETWORKS, "network"),
-        ("extending.md", SAMPLERS, "sampler"),
+        ("recipes.md", ObjectFamily.registry, "objects.type"), ("extending.md", ObjectFamily.registry, "objects.type"),
+        ("extending.md", KINDS, "kind"), ("extending.md", sg.Sensor.registry, "sensor.type"),
+        ("extending.md", NETWORKS, "network"), ("extending.md", SAMPLERS, "sampler"),
     ],
 )  # fmt: skip
 def test_every_packaged_name_stands_on_its_page(page, registry, users):

@@ -13,9 +13,7 @@ BEAMS = sg.CollimatedBeams.tilts([0.0, 0.05], width=4.0, dimensions=2)
 POINTS = sg.PointSources(points=[[0.0, -9.0], [1.0, 1.0]])
 NEAR = sg.NearField(points=[[[0.0, 2.0], [8.0, 8.0]]])
 SCENES = {
-    "box": SCENE,
-    "beams": SCENE.replace(illumination=BEAMS),
-    "points": SCENE.replace(illumination=POINTS),
+    "box": SCENE, "beams": SCENE.replace(illumination=BEAMS), "points": SCENE.replace(illumination=POINTS),
     "near": SCENE.replace(sensor=NEAR),
     "voxels": SCENE.replace(
         medium=sg.VoxelGrid(lower=[-5, -5], upper=[5, 5], extinction=[[0.1, 0.2]], scatterers=(sg.Isotropic(),))
@@ -23,7 +21,7 @@ SCENES = {
     "slab": SCENE.replace(
         medium=sg.Slab(thickness=9.0, mean_free_path=5.0, scatterer=sg.Isotropic()), illumination=BEAMS
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -52,13 +50,9 @@ def test_plans_tell_what_is_done(name):
 @pytest.mark.parametrize("sampler", ["paths", "covariance"])
 def test_images_have_the_covariance(sampler):
     stack = sg.render(
-        SCENE,
-        paths=30 if sampler == "paths" else 3_000,
-        realizations=BATCHES * 2,
-        seed=6,
-        sampler=sampler,
+        SCENE, paths=30 if sampler == "paths" else 3_000, realizations=BATCHES * 2, seed=6, sampler=sampler,
         reverse=True,
-    )
+    )  # fmt: skip
     fields = stack.field.reshape(BATCHES, 2, -1).astype(complex)
     drawn = np.einsum("brp,brq->bpq", fields, fields.conj()) / 2
     assert_same(drawn, engine_batches(SCENE, 300, reverse=True, seed=7))

@@ -39,11 +39,9 @@ objects = {shape = [8, 8]}
 """
 TILT = 5e-4
 SCENE = sg.Scene(
-    wavelength=0.5,
-    medium=sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9)),
-    illumination=sg.CollimatedBeams.tilts([0.0, TILT], width=2000.0),
-    sensor=sg.FarField.grid((8, 8), 1e-4),
-)
+    wavelength=0.5, medium=sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9)),
+    illumination=sg.CollimatedBeams.tilts([0.0, TILT], width=2000.0), sensor=sg.FarField.grid((8, 8), 1e-4),
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -114,10 +114,9 @@ def test_every_file_says_the_same_version():
 
     assert PROJECT["project"]["name"] == "specklegen-torch"
     said = {
-        "CITATION.cff": r"^version: (\S+)$",
-        "packaging/conda/recipe.yaml": r"^  version: (\d\S+)$",
+        "CITATION.cff": r"^version: (\S+)$", "packaging/conda/recipe.yaml": r"^  version: (\d\S+)$",
         "README.md": r"specklegen_torch-(\d[\d.]*\d)-py3-none-any\.whl",
-    }
+    }  # fmt: skip
     versions = {name: re.findall(pattern, (ROOT / name).read_text(), re.MULTILINE) for name, pattern in said.items()}
     assert versions == {name: [specklegen.__version__] for name in said}
     assert PROJECT["project"]["version"] == specklegen.__version__

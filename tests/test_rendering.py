@@ -174,15 +174,13 @@ def test_stationary_stacks_hold_mean_and_contrast_to_three_in_a_thousand():
 
 
 CASES = {
-    "nufft": (scene(shape=(40, 41)), {"sampler": "paths"}),
-    "direct": (sparse_scene(), {"sampler": "paths"}),
-    "reversed": (scene(side="reflection"), {"reverse": True}),
-    "stationary": (scene(), {"sampler": "stationary"}),
+    "nufft": (scene(shape=(40, 41)), {"sampler": "paths"}), "direct": (sparse_scene(), {"sampler": "paths"}),
+    "reversed": (scene(side="reflection"), {"reverse": True}), "stationary": (scene(), {"sampler": "stationary"}),
     "object": (
         scene().replace(illumination=sg.IncoherentObject(brightness=[[1.0, 0.0], [0.5, 2.0]], pitch=1e-5, width=WIDTH)),
         {"sampler": "stationary"},
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -208,10 +206,8 @@ def test_threads_and_the_number_of_realizations_do_not_matter(case):
 def test_the_case_names_say_what_runs():
     found = {case: sg.plan(this, paths=5000, **options) for case, (this, options) in CASES.items()}
     assert {case: p.summation for case, p in found.items() if p.sampler == "paths"} == {
-        "nufft": "nufft",
-        "direct": "direct",
-        "reversed": "direct",
-    }
+        "nufft": "nufft", "direct": "direct", "reversed": "direct",
+    }  # fmt: skip
 
 
 def test_chunks_join_as_one_bank(monkeypatch):
@@ -422,8 +418,7 @@ def test_one_path_one_view_one_tilt(paths):
 BAD = {
     "paths": ({"paths": 0}, "paths must be at least 1; got 0"),
     "both budgets": (
-        {"paths": 10, "rel_error": 0.1},
-        "paths must be left out where rel_error or seconds is given; got 10",
+        {"paths": 10, "rel_error": 0.1}, "paths must be left out where rel_error or seconds is given; got 10",
     ),
     "rel_error": ({"rel_error": 0.0}, "rel_error must be between 1e-09 and 1; got 0.0"),
     "rel_error nan": ({"rel_error": float("nan")}, "rel_error must be between 1e-09 and 1; got nan"),
@@ -434,7 +429,7 @@ BAD = {
     "threads": ({"threads": 0}, "threads must be at least 1 and at most 4096; got 0"),
     "seed": ({"seed": -3}, "seed must be a whole number of at least 0, or a sequence of them; got -3"),
     "seed fraction": ({"seed": 0.5}, "seed must be a whole number .*got 0.5"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -521,12 +516,9 @@ def test_a_fork_after_a_parallel_render_completes(tmp_path):
     root = Path(sg.__file__).parents[1]
     path = os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
-        [sys.executable, str(program)],
-        env=os.environ | {"PYTHONPATH": path},
-        capture_output=True,
-        text=True,
+        [sys.executable, str(program)], env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True,
         timeout=120,
-    )
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "done"
 

@@ -28,10 +28,9 @@ QUIET = [
 ]  # fmt: skip
 COMPLAINT = re.compile(r"CONSOLE[^\n]*(?:[Ee]rror|Uncaught|Failed|Refused)[^\n]*")
 PAGES = {
-    "index.html": "specklegen",
-    "auto_gallery/plot_02_tilt_and_memory.html": "Tilt, and the memory of a slab",
+    "index.html": "specklegen", "auto_gallery/plot_02_tilt_and_memory.html": "Tilt, and the memory of a slab",
     "generated/specklegen.memory_effect.html": "specklegen.memory_effect",
-}
+}  # fmt: skip
 
 
 def test_every_page_is_in_the_navigation():

@@ -50,13 +50,11 @@ def solve_waves(placements: int, seed: int, workers: int | None) -> Result:
     result: Result = {"placements": np.array(found[""].placements), "light_deg": LIGHT_DEG, "view_deg": VIEW_DEG}
     for prefix, moments in found.items():
         result |= {
-            f"{prefix}C": moments.covariance,
-            f"{prefix}C_se_re": moments.covariance_error.real,
-            f"{prefix}C_se_im": moments.covariance_error.imag,
-            f"{prefix}I_var": moments.intensity,
+            f"{prefix}C": moments.covariance, f"{prefix}C_se_re": moments.covariance_error.real,
+            f"{prefix}C_se_im": moments.covariance_error.imag, f"{prefix}I_var": moments.intensity,
             f"{prefix}I_var_se": moments.intensity_error,
             f"{prefix}I_var_batches": np.moveaxis(moments.intensity_batches, 0, -1),
-        }
+        }  # fmt: skip
     return result | {"mean": found[""].mean, "near_mean_scattered": found["near_"].mean}
 
 
@@ -81,10 +79,9 @@ def run_engine(paths: int, seed: int) -> Result:
 def in_oracle_order(prefix: str, value: np.ndarray, error: np.ndarray) -> Result:
     """C[v1, v2, j] = value[0, v1, j, v2] and I[v, j] = value[j, v, j, v], from arrays [T, V, T, V]."""
     return {
-        f"{prefix}C": np.transpose(value[0], (0, 2, 1)),
-        f"{prefix}I_var": np.einsum("tvtv->vt", value).real,
+        f"{prefix}C": np.transpose(value[0], (0, 2, 1)), f"{prefix}I_var": np.einsum("tvtv->vt", value).real,
         f"{prefix}I_var_se": np.einsum("tvtv->vt", error).real,
-    }
+    }  # fmt: skip
 
 
 def report(wave: Result, other: Result) -> dict[str, np.ndarray]:

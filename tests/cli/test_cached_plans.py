@@ -99,10 +99,8 @@ def test_an_answer_is_of_one_recipe_one_package_and_one_machine(first_command, m
     names = [name_of_answer(TABLE, None) for _ in range(2)]
     assert names[0] == names[1]
     names += [
-        name_of_answer(TABLE, 1), name_of_answer(TABLE, 2),
-        name_of_answer(TABLE | {"material": {"g": 0.8}}, None),
-        name_of_answer(TABLE | {"material": {"g": 1}}, None),
-        name_of_answer(TABLE | {"material": {"g": 1.0}}, None),
+        name_of_answer(TABLE, 1), name_of_answer(TABLE, 2), name_of_answer(TABLE | {"material": {"g": 0.8}}, None),
+        name_of_answer(TABLE | {"material": {"g": 1}}, None), name_of_answer(TABLE | {"material": {"g": 1.0}}, None),
     ]  # fmt: skip
     for module, name, value in (
         (cached_plans, "source_digest", lambda _: "another"),
@@ -119,9 +117,7 @@ def test_an_answer_is_of_one_recipe_one_package_and_one_machine(first_command, m
 
 
 def test_every_packaged_recipe_has_a_name(first_command):
-    assert len({name_of_answer(recipe_table(name), None) for name in recipe_names()} - {None}) == len(
-        recipe_names()
-    )
+    assert len({name_of_answer(recipe_table(name), None) for name in recipe_names()} - {None}) == len(recipe_names())
 
 
 @pytest.mark.parametrize(

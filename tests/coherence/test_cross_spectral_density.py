@@ -26,16 +26,10 @@ FALSE_ALARM = 1e-6  # chance that a right build fails a test, shared by its comp
 
 # sigma_g / a: modes for 99 % of the energy, for 1 - 1e-6, effective modes, contrast (frozen)
 MODES = {
-    10: (1, 3, 1.007, 0.997),
-    2: (2, 4, 1.161, 0.928),
-    1: (3, 6, 1.571, 0.798),
-    0.6: (4, 8, 2.264, 0.665),
-    0.4: (5, 11, 3.180, 0.561),
-    0.2: (10, 19, 5.98, 0.409),
-    0.1: (18, 34, 11.61, 0.2935),
-    0.05: (34, 65, 22.9, 0.209),
+    10: (1, 3, 1.007, 0.997), 2: (2, 4, 1.161, 0.928), 1: (3, 6, 1.571, 0.798), 0.6: (4, 8, 2.264, 0.665),
+    0.4: (5, 11, 3.180, 0.561), 0.2: (10, 19, 5.98, 0.409), 0.1: (18, 34, 11.61, 0.2935), 0.05: (34, 65, 22.9, 0.209),
     0.02: (83, 159, 56.7, 0.133),
-}
+}  # fmt: skip
 
 
 def line(n):
@@ -290,10 +284,9 @@ def test_the_covariance_test_has_power(wrong):
     x = line(12)
     amplitude = np.exp(-(x**2) + 2j * x)
     W0 = {
-        "length": gaussian_schell_model(x, 0.5 * 1.1, amplitude),
-        "conjugate": complex_source().conj(),
+        "length": gaussian_schell_model(x, 0.5 * 1.1, amplitude), "conjugate": complex_source().conj(),
         "power": 1.05 * complex_source(),
-    }[wrong]
+    }[wrong]  # fmt: skip
     with pytest.raises(AssertionError, match="tail probability"):
         assert_covariance(sample_fields(W0, 20_000, seed=7), complex_source())
 
@@ -301,9 +294,8 @@ def test_the_covariance_test_has_power(wrong):
 def test_sampled_fields_are_a_pure_function_of_the_seed():
     W0 = complex_source()
     cases: list[tuple[Literal["kl", "copula"], np.ndarray]] = [
-        ("kl", W0),
-        ("copula", gaussian_schell_model(line(51), 0.6)),
-    ]
+        ("kl", W0), ("copula", gaussian_schell_model(line(51), 0.6)),
+    ]  # fmt: skip
     for method, source in cases:
         first = sample_fields(source, 10, method, seed=1)
         np.testing.assert_array_equal(first, sample_fields(source, 10, method, seed=1))

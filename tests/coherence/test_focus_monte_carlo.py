@@ -23,10 +23,9 @@ from specklegen.coherence.cross_spectral_density import propagate_csd
 from specklegen.coherence.cylindrical_focus import CylindricalFocus
 
 SYSTEMS: dict[str, tuple[CylindricalFocus, Literal["uniform", "stratified"]]] = {
-    "stratified": (focus(n_pixels=41), "stratified"),
-    "uniform": (focus(n_pixels=41), "uniform"),
+    "stratified": (focus(n_pixels=41), "stratified"), "uniform": (focus(n_pixels=41), "uniform"),
     "axial": (axial_focus(np.linspace(-15, 15, 41)), "stratified"),
-}
+}  # fmt: skip
 RAYS, SEEDS = 4 * 41 * 51, 64  # 4 rays an entry
 
 

@@ -27,11 +27,9 @@ PATHS = 500
 
 def scene(slab, width, tilts=(0.0,), pixels=24):
     return sg.Scene(
-        wavelength=WAVELENGTH,
-        medium=slab,
-        illumination=sg.CollimatedBeams.tilts(list(tilts), width=width),
+        wavelength=WAVELENGTH, medium=slab, illumination=sg.CollimatedBeams.tilts(list(tilts), width=width),
         sensor=sg.FarField.grid((pixels, pixels), WAVELENGTH / width / 2),  # two pixels a grain
-    )
+    )  # fmt: skip
 
 
 def autocovariance(images, shifts=(0,)):

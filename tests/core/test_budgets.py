@@ -11,11 +11,9 @@ from specklegen.core.budgets import DEFAULT_PATHS
 
 BOX = sg.Box(lower=[-5.0, -5.0], upper=[5.0, 5.0], mean_free_path=10.0, scatterer=sg.Isotropic())
 SCENE = sg.Scene(
-    wavelength=1.0,
-    medium=BOX,
-    illumination=sg.PlaneWaves.tilts([0.0, 0.05], dimensions=2),
+    wavelength=1.0, medium=BOX, illumination=sg.PlaneWaves.tilts([0.0, 0.05], dimensions=2),
     sensor=sg.FarField.angles([0.5, 2.0]),
-)
+)  # fmt: skip
 SLAB = sg.Slab(thickness=50.0, mean_free_path=10.0, scatterer=sg.Isotropic())
 TILTS = np.deg2rad([0.1, 0.3])
 

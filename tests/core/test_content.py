@@ -226,45 +226,25 @@ def admitted(value):
 
 
 ALIKE = [
-    (lambda x: x + 1, lambda x: x + 1),
-    ({"a": 1, "b": 2}, {"b": 2, "a": 1}),
-    (np.arange(3), np.arange(3)),
-    (partial(doubled, 2), partial(doubled, 2)),
-    (sg.Isotropic(), sg.Isotropic()),
-    (torch.arange(9)[3:6], torch.arange(3, 6)),
-    (re.compile("a"), re.compile("a")),
+    (lambda x: x + 1, lambda x: x + 1), ({"a": 1, "b": 2}, {"b": 2, "a": 1}), (np.arange(3), np.arange(3)),
+    (partial(doubled, 2), partial(doubled, 2)), (sg.Isotropic(), sg.Isotropic()),
+    (torch.arange(9)[3:6], torch.arange(3, 6)), (re.compile("a"), re.compile("a")),
     (CubicSpline([0, 1, 2], [0, 1, 2]), CubicSpline([0, 1, 2], [0, 1, 2])),
     (np.array([[1], None], dtype=object), np.array([[1], None], dtype=object)),
     (threading.Lock(), threading.Lock()),  # which cannot be pickled
     (hiding(1), hiding(1)),
     (admitted(1), admitted(1)),
-]
+]  # fmt: skip
 DIFFERENT = [
-    (lambda x: x + 1, lambda x: x + 2),
-    (lambda x, y=1: x + y, lambda x, y=2: x + y),
-    (lambda x: np.sin(x), lambda x: np.cos(x)),
-    (lambda x: [n + 1 for n in x], lambda x: [n + 2 for n in x]),
-    (np.arange(3), np.arange(3.0)),
-    (np.zeros((2, 3)), np.zeros((3, 2))),
-    ([1, 2], [1, 3]),
-    ([[1], 2], [[1, 2]]),
-    (1, 1.0),
-    (1, True),
-    ("1", 1),
-    (0.0, -0.0),
-    (partial(doubled, 2), partial(doubled, 3)),
-    (torch.zeros(2), torch.ones(2)),
-    (torch.ones(2, dtype=torch.complex64), 1j * torch.ones(2)),
-    (re.compile("a"), re.compile("b")),
-    (CubicSpline([0, 1, 2], [0, 1, 2]), CubicSpline([0, 1, 2], [0, 1, 3])),
-    (Fraction(1, 2), Fraction(1, 3)),
-    (Path("a"), Path("b")),
-    (range(3), range(4)),
-    (deque([1]), deque([2])),
-    (lru_cache(lambda x: x), lru_cache(lambda x: x + 1)),
-    (np.vectorize(lambda x: x), np.vectorize(lambda x: x + 1)),
-    (hiding(1), hiding(2)),
-    (admitted(1), admitted(2)),
+    (lambda x: x + 1, lambda x: x + 2), (lambda x, y=1: x + y, lambda x, y=2: x + y),
+    (lambda x: np.sin(x), lambda x: np.cos(x)), (lambda x: [n + 1 for n in x], lambda x: [n + 2 for n in x]),
+    (np.arange(3), np.arange(3.0)), (np.zeros((2, 3)), np.zeros((3, 2))), ([1, 2], [1, 3]), ([[1], 2], [[1, 2]]),
+    (1, 1.0), (1, True), ("1", 1), (0.0, -0.0), (partial(doubled, 2), partial(doubled, 3)),
+    (torch.zeros(2), torch.ones(2)), (torch.ones(2, dtype=torch.complex64), 1j * torch.ones(2)),
+    (re.compile("a"), re.compile("b")), (CubicSpline([0, 1, 2], [0, 1, 2]), CubicSpline([0, 1, 2], [0, 1, 3])),
+    (Fraction(1, 2), Fraction(1, 3)), (Path("a"), Path("b")), (range(3), range(4)), (deque([1]), deque([2])),
+    (lru_cache(lambda x: x), lru_cache(lambda x: x + 1)), (np.vectorize(lambda x: x), np.vectorize(lambda x: x + 1)),
+    (hiding(1), hiding(2)), (admitted(1), admitted(2)),
 ]  # fmt: skip
 
 

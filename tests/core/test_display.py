@@ -37,17 +37,13 @@ from specklegen.models.recoverability.verdict import Reason
 
 SLAB = sg.Slab(thickness=100.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(0.5))
 SCENE = sg.Scene(
-    wavelength=0.5,
-    medium=SLAB,
-    illumination=sg.CollimatedBeams.tilts([0.0, 1e-5], width=1000.0),
+    wavelength=0.5, medium=SLAB, illumination=sg.CollimatedBeams.tilts([0.0, 1e-5], width=1000.0),
     sensor=sg.FarField.grid((12, 13), 1e-4),
-)
+)  # fmt: skip
 BOX = sg.Scene(
-    wavelength=1.0,
-    medium=sg.Box(lower=[-3, -3], upper=[3, 3], mean_free_path=6.0, scatterer=sg.Isotropic()),
-    illumination=sg.PlaneWaves.tilts([0.0, 0.1], dimensions=2),
-    sensor=sg.FarField.angles(np.deg2rad([0, 90, 180])),
-)
+    wavelength=1.0, medium=sg.Box(lower=[-3, -3], upper=[3, 3], mean_free_path=6.0, scatterer=sg.Isotropic()),
+    illumination=sg.PlaneWaves.tilts([0.0, 0.1], dimensions=2), sensor=sg.FarField.angles(np.deg2rad([0, 90, 180])),
+)  # fmt: skip
 VOXELS = sg.VoxelGrid(lower=[-3, -3], upper=[3, 3], extinction=[[0.1, 0.2]], scatterers=(sg.Isotropic(),))
 ROW = SCENE.replace(sensor=sg.FarField(SCENE.views[::13]))
 DARK = sg.Slab(thickness=600.0, mean_free_path=10.0, scatterer=sg.Isotropic())  # to ten paths
@@ -90,11 +86,9 @@ SHOWN = {
     "Green's function": lambda: coherence.GreensMatrix(FACES[0] + 1j, FACES[1]),
     "scattered field": lambda: fdtd.ScatteredField(TIME, np.sin(TIME), np.sin(TIME), np.cos([TIME, TIME])),
     "mean field": lambda: fdtd.MeanField(
-        TIME, np.sin(TIME), np.sin(TIME), np.cos(TIME), back_error=0.1 * TIME, forward_error=0.2 * TIME,
-        realizations=3,
+        TIME, np.sin(TIME), np.sin(TIME), np.cos(TIME), back_error=0.1 * TIME, forward_error=0.2 * TIME, realizations=3,
     ),
-    "what one image tells": lambda: FOUND,
-    "what images tell": lambda: Findings((FOUND, FOUND), 1e-4, None),
+    "what one image tells": lambda: FOUND, "what images tell": lambda: Findings((FOUND, FOUND), 1e-4, None),
     "what images together tell": lambda: Joint(
         torch.rand(3, 8, 8), torch.tensor([False, True, False]), torch.zeros(3, 2, dtype=torch.int64), 0.9, 0.7
     ),

@@ -40,12 +40,10 @@ RESULTS = {
     "JointCorrelation": lambda: sg.joint_correlation(
         SLAB, wavelength=0.5, tilts=[0.0, 0.01], shifts=[0.0, 1.0, 2.0], lags=[0.0, 1.0], paths=500
     ),
-    "TemporalCorrelation": temporal,
-    "ExposureContrast": lambda: temporal().contrast([0.1, 0.2, 1.0]),
+    "TemporalCorrelation": temporal, "ExposureContrast": lambda: temporal().contrast([0.1, 0.2, 1.0]),
     "Covariance": lambda: sg.covariance(scene(sensor=sg.FarField.grid((1, 3), 1e-3)), paths=500),
-    "SpeckleStack": lambda: sg.render(scene(), paths=64),
-    "Evaluation": evaluation,
-}
+    "SpeckleStack": lambda: sg.render(scene(), paths=64), "Evaluation": evaluation,
+}  # fmt: skip
 
 
 @pytest.fixture(params=RESULTS)

@@ -78,8 +78,7 @@ REFUSED = {
         ["CollimatedBeams.directions", "an array of numbers", "up"],
     ),
     "directions of one axis": (
-        lambda: sg.CollimatedBeams(directions=AXIS, width=1.0),
-        ["CollimatedBeams.directions", "(T, 3)", "(3,)"],
+        lambda: sg.CollimatedBeams(directions=AXIS, width=1.0), ["CollimatedBeams.directions", "(T, 3)", "(3,)"],
     ),
     "flatland and space": (
         lambda: scene(illumination=sg.CollimatedBeams.tilts([0.0], width=10.0, dimensions=2)),
@@ -94,8 +93,7 @@ REFUSED = {
         ["CollimatedBeams.directions", "towards +z"],
     ),
     "point of one coordinate": (
-        lambda: sg.PointSources(points=[[1.0]]),
-        ["PointSources.points", "length 2 or 3", "(1, 1)"],
+        lambda: sg.PointSources(points=[[1.0]]), ["PointSources.points", "length 2 or 3", "(1, 1)"],
     ),
     "near point nan": (lambda: sg.NearField(points=[[NAN, 0.0]]), ["NearField.points", "finite", "nan"]),
     "box inside out": (
@@ -107,17 +105,14 @@ REFUSED = {
         ["Box.upper", "as many coordinates as lower"],
     ),
     "voxels of negative density": (
-        lambda: voxels(extinction=[[1.0, -1.0]]),
-        ["VoxelGrid.extinction", "at least 0", "-1.0"],
+        lambda: voxels(extinction=[[1.0, -1.0]]), ["VoxelGrid.extinction", "at least 0", "-1.0"],
     ),
     "voxels of too many axes": (lambda: voxels(extinction=[[[1.0]]]), ["VoxelGrid.extinction", "2 axes", "(1, 1, 1)"]),
     "voxels of an unknown material": (
-        lambda: voxels(material=[[0.0, 2.0]]),
-        ["VoxelGrid.material", "from 0 to 0", "2.0"],
+        lambda: voxels(material=[[0.0, 2.0]]), ["VoxelGrid.material", "from 0 to 0", "2.0"],
     ),
     "albedo of another shape": (
-        lambda: voxels(albedo=[1.0, 1.0]),
-        ["VoxelGrid.albedo", "extinction's shape (1, 2)", "(2,)"],
+        lambda: voxels(albedo=[1.0, 1.0]), ["VoxelGrid.albedo", "extinction's shape (1, 2)", "(2,)"],
     ),
     "no materials": (lambda: voxels(scatterers=()), ["VoxelGrid.scatterers", "at least one"]),
     "tilt of 90 degrees": (
@@ -141,14 +136,12 @@ REFUSED = {
     ),
     "dark object": (lambda: object_scene(brightness=[[-1.0]]), ["IncoherentObject.brightness", "at least 0", "-1.0"]),
     "object of one axis": (
-        lambda: object_scene(brightness=[1.0, 2.0]),
-        ["IncoherentObject.brightness", "(h, w)", "(2,)"],
+        lambda: object_scene(brightness=[1.0, 2.0]), ["IncoherentObject.brightness", "(h, w)", "(2,)"],
     ),
     "object empty": (lambda: object_scene(brightness=[[]]), ["IncoherentObject.brightness", "(h, w)", "(1, 0)"]),
     "object nan": (lambda: object_scene(brightness=[[NAN]]), ["IncoherentObject.brightness", "finite"]),
     "object too wide": (
-        lambda: object_scene(brightness=np.ones((3, 3)), pitch=0.9),
-        ["IncoherentObject.pitch", "sine below 1", "0.9"],
+        lambda: object_scene(brightness=np.ones((3, 3)), pitch=0.9), ["IncoherentObject.pitch", "sine below 1", "0.9"],
     ),
     "grid pitch": (lambda: sg.FarField.grid(shape=(3, 3), pitch=0.0), ["FarFieldGrid.pitch", "greater than 0"]),
     "grid of no rows": (lambda: sg.FarField.grid(shape=(0, 3), pitch=1e-5), ["FarFieldGrid.shape.0", "at least 1"]),
@@ -176,7 +169,7 @@ REFUSED = {
     "view not unit": (lambda: sg.FarField(directions=[[0, 0, 2.0]]), ["FarField.directions", "unit vectors", "2."]),
     "view of four": (lambda: sg.FarField(directions=[[0, 0, 0, 1.0]]), ["FarField.directions", "length 2 or 3"]),
     "view a number": (lambda: sg.FarField(directions=1.0), ["FarField.directions", "unit vectors"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", REFUSED)
@@ -225,15 +218,12 @@ def test_reject_puts_the_remedy_last():
 
 
 VALUES = {
-    "beams": scene(),
-    "isotropic": scene(medium=slab()),
-    "zero thickness": scene(medium=slab(thickness=0.0)),
-    "object": object_scene(),
-    "views": scene(sensor=sg.FarField(directions=[[0.6, 0.0, 0.8], [0.0, 0.6, -0.8]])),
+    "beams": scene(), "isotropic": scene(medium=slab()), "zero thickness": scene(medium=slab(thickness=0.0)),
+    "object": object_scene(), "views": scene(sensor=sg.FarField(directions=[[0.6, 0.0, 0.8], [0.0, 0.6, -0.8]])),
     "reflection": scene(sensor=sg.FarField.grid(shape=(2, 3), pitch=0.1 + 0.2, side="reflection")),
     "no tilts": scene(illumination=sg.CollimatedBeams(directions=np.empty((0, 3)), width=1.0)),
     "gaussian": scene(illumination=sg.CollimatedBeams.tilts([[0.1, 0.2]], width=1 / 3, profile="gaussian")),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", VALUES)

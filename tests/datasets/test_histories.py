@@ -171,30 +171,24 @@ def openmp_told_alone():
 
 CONTEXTS = {
     "autocast": lambda: torch.autocast("cpu", dtype=torch.bfloat16),
-    "no autocast": lambda: torch.autocast("cpu", enabled=False),
-    "meta": lambda: torch.device("meta"),
-    "cpu": lambda: torch.device("cpu"),
-    "inference": torch.inference_mode,
-    "gradients": torch.enable_grad,
-    "errors": lambda: np.errstate(all="raise"),
-    "silence": lambda: np.errstate(all="ignore"),
+    "no autocast": lambda: torch.autocast("cpu", enabled=False), "meta": lambda: torch.device("meta"),
+    "cpu": lambda: torch.device("cpu"), "inference": torch.inference_mode, "gradients": torch.enable_grad,
+    "errors": lambda: np.errstate(all="raise"), "silence": lambda: np.errstate(all="ignore"),
     "double": switched(torch.get_default_dtype, torch.set_default_dtype, torch.float64),
     "half": switched(torch.get_default_dtype, torch.set_default_dtype, torch.bfloat16),
     "deterministic": switched(torch.are_deterministic_algorithms_enabled, torch.use_deterministic_algorithms, True),
-    "two threads": switched(torch.get_num_threads, torch.set_num_threads, 2),
-    "OpenMP told alone": openmp_told_alone,
+    "two threads": switched(torch.get_num_threads, torch.set_num_threads, 2), "OpenMP told alone": openmp_told_alone,
     "coarse": switched(torch.get_float32_matmul_precision, torch.set_float32_matmul_precision, "medium"),
     "without oneDNN": switched(
         lambda: torch.backends.mkldnn.enabled, lambda value: torch.backends.mkldnn.set_flags(value), False
     ),
     "other order of products": switched(
-        lambda: torch.backends.opt_einsum.enabled,
-        lambda value: setattr(torch.backends.opt_einsum, "enabled", value),
+        lambda: torch.backends.opt_einsum.enabled, lambda value: setattr(torch.backends.opt_einsum, "enabled", value),
         False,
     ),
     "short buffers": switched(np.getbufsize, np.setbufsize, 16),
     "denormals": switched(lambda: bool(np.float64(2e-308) / 2 == 0), torch.set_flush_denormal, True),
-}
+}  # fmt: skip
 STATES = {
     "NumPy's generator": lambda n: np.random.seed(n),  # noqa: NPY002
     "torch's generator": torch.manual_seed,

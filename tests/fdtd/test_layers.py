@@ -22,13 +22,11 @@ def innovation_z(g, rho):
     n = w.size
     return np.array(
         [
-            ((g[:, 0] ** 2).mean() - 1) * math.sqrt(len(g) / 2),
-            w.mean() * math.sqrt(n),
-            ((w**2).mean() - 1) * math.sqrt(n / 2),
-            (w * g[:, :-1]).mean() * math.sqrt(n),
+            ((g[:, 0] ** 2).mean() - 1) * math.sqrt(len(g) / 2), w.mean() * math.sqrt(n),
+            ((w**2).mean() - 1) * math.sqrt(n / 2), (w * g[:, :-1]).mean() * math.sqrt(n),
             (w[:, 1:] * w[:, :-1]).mean() * math.sqrt(w[:, 1:].size),
         ]
-    )
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("lc", [0.002, 0.02, 0.5])

@@ -29,10 +29,9 @@ def exact_cumulants(camera, level):
     charge = camera.photons * level + camera.background + camera.dark_current * camera.exposure
     rounding = (1 / 12, -1 / 120) if camera.bit_depth else (0, 0)
     return (
-        charge / camera.gain + camera.offset,
-        (charge + camera.read_noise**2) / camera.gain**2 + rounding[0],
+        charge / camera.gain + camera.offset, (charge + camera.read_noise**2) / camera.gain**2 + rounding[0],
         charge / camera.gain**4 + rounding[1],
-    )
+    )  # fmt: skip
 
 
 LEVELS = [0.0, 0.03, 0.3, 1.0, 3.0]

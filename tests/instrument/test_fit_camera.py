@@ -193,8 +193,7 @@ def compressed(pair):
 
 BAD = {
     "single frames": (
-        lambda p, d: ([pair[0] for pair in p], d),
-        "of shape .frames, rows, columns.*take two of one light",
+        lambda p, d: ([pair[0] for pair in p], d), "of shape .frames, rows, columns.*take two of one light",
     ),
     "copies": (lambda p, d: ([pair[[0, 0]] for pair in p], d), "a frame and its copy"),
     "three": (lambda p, d: ([pair[[0, 1, 1]] for pair in p], d), "of two frames each; got 3"),
@@ -216,7 +215,7 @@ BAD = {
     "another light": (lambda p, d: ([np.stack([p[0][0], p[-1][0]]), *p[1:]], d), "of one light each; got 'means"),
     "another camera": (lambda p, d: (p, d[:, :32]), "of the dark frames' shape .32, 64."),
     "dark as bright": (lambda p, d: ([d[:2]] * 3, p[0]), "brighter than the dark frames"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", BAD)

@@ -86,15 +86,11 @@ LABORATORIES = {
     "steep sines": {**EXAMPLE, "object_distance": 30.0, "object_extent": 5, "pixels": (2048, 2048), "aperture": 0.09},
     "lens, coma": {**EXAMPLE, "camera_distance": None, "focal_length": 50.0},
     "lens, wide object": {
-        **EXAMPLE,
-        "camera_distance": None,
-        "focal_length": 50.0,
-        "object_extent": 8.0,
-        "aperture": 1.0,
+        **EXAMPLE, "camera_distance": None, "focal_length": 50.0, "object_extent": 8.0, "aperture": 1.0,
         "pixels": (1024, 1024),
     },
     "far camera": {**EXAMPLE, "camera_distance": 300.0, "pixels": (256, 256)},
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", LABORATORIES)
@@ -247,14 +243,12 @@ def largest(message):
         ("object_extent", 1.4, {}, r"whose image fills the camera; got 1\.4"),
         ("aperture", 12.0, {"pixel_pitch": 0.001, "pixels": (640, 640)}, r"mapping holds; got 12\.0\. .*phi_3 = 0\.7"),
         (
-            "aperture",
-            3.0,
-            {"object_extent": 8.0, "pixel_pitch": 0.004, "pixels": (2000, 2000)},
+            "aperture", 3.0, {"object_extent": 8.0, "pixel_pitch": 0.004, "pixels": (2000, 2000)},
             r"phi_4 = .*aperture D",
         ),
         ("bandwidth", 2e-5, {}, r"which moves the pattern by one speckle; got 2e-05"),
     ],
-)
+)  # fmt: skip
 def test_a_refusal_names_a_largest_value_that_passes_and_is_the_largest(field, value, others, says):
     with pytest.raises(ValueError, match=rf"LabSetup\.{field} must be at most .*{says}") as refusal:
         LabSetup(**{**EXAMPLE, **others, field: value})
@@ -309,12 +303,9 @@ def refusal(fields):
 
 
 @given(
-    log_u=st.floats(1, 4),
-    log_v=st.floats(1, 4),
-    log_aperture=st.floats(-2, 1.5),
-    filling=st.floats(0.01, 1),
+    log_u=st.floats(1, 4), log_v=st.floats(1, 4), log_aperture=st.floats(-2, 1.5), filling=st.floats(0.01, 1),
     pixels=st.integers(16, 4096),
-)
+)  # fmt: skip
 @settings(max_examples=400, deadline=None, derandomize=True)
 def test_every_laboratory_that_passes_keeps_its_correlation(log_u, log_v, log_aperture, filling, pixels):
     """Exact spherical phases over the whole camera, for any laboratory that is not refused."""

@@ -223,10 +223,9 @@ def test_layers_of_skin_scatter_as_they_are_cited():
     """Reduced scattering at 633 nm, 1 / cm, computed here anew; and as layers of one medium."""
     x = 0.633 / 0.5
     cited = {
-        "epidermis": 66.7 * (0.29 * x**-4 + 0.71 * x**-0.689),
-        "dermis": 43.6 * (0.41 * x**-4 + 0.59 * x**-0.562),
+        "epidermis": 66.7 * (0.29 * x**-4 + 0.71 * x**-0.689), "dermis": 43.6 * (0.41 * x**-4 + 0.59 * x**-0.562),
         "fat": 1050.6 * 633**-0.68,
-    }
+    }  # fmt: skip
     layers = []
     for name, reduced in cited.items():
         found = sg.materials.get(name, 0.633, absorption=0.001)

@@ -64,12 +64,9 @@ def test_dark_frames_flat_field_and_region_are_taken_off_exactly():
     signal = np.rint(500 * LIGHT)
     flat = 400 * gain + level
     found = read_measurement(
-        signal * gain + level,
-        dark=np.stack([level - 1, level + 1]),
-        flat=flat,
-        region=[8, 16, 40, 50],
+        signal * gain + level, dark=np.stack([level - 1, level + 1]), flat=flat, region=[8, 16, 40, 50],
         hot_pixels=False,
-    )
+    )  # fmt: skip
     assert np.allclose(found.light[0], (signal * gain.mean())[8:48, 16:66], rtol=1e-12)
     assert found.region == (8, 16, 40, 50)
     assert found.images is found.light

@@ -237,15 +237,11 @@ def agreement(medium: Slab, paths: int, rounds: int) -> dict[str, float]:
     difference = np.abs(kernel(q) ** 2 - value)
     light = abs(float(np.log(kernel.weights.sum())) - bright)
     return {
-        "difference": float(difference.max()),
-        "error": float(error.max()),
-        "bound": errors.correlation,
-        "z": float((np.maximum(difference - errors.correlation, 0)[1:] / error[1:]).max()),
-        "light": light,
-        "light_error": bright_error,
-        "light_bound": errors.intensity,
+        "difference": float(difference.max()), "error": float(error.max()), "bound": errors.correlation,
+        "z": float((np.maximum(difference - errors.correlation, 0)[1:] / error[1:]).max()), "light": light,
+        "light_error": bright_error, "light_bound": errors.intensity,
         "light_z": max(light - errors.intensity, 0) / bright_error,
-    }
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("medium", [slab(0.5, 0.98), slab(2.1, 0.969), slab(10.0, 0.9), slab(1e-3, 0.0)])

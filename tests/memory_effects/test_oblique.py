@@ -35,13 +35,12 @@ def oblique(view: float, tilt: float = 0.0, *, g: float = 0.9, side="transmissio
     shift = HALF[g] * PITCH
     sines = np.sin(np.deg2rad(tilt)) + np.array([-shift / 2, shift / 2])
     return sg.Scene(
-        wavelength=WAVELENGTH,
-        medium=slab(g=g),
+        wavelength=WAVELENGTH, medium=slab(g=g),
         illumination=sg.CollimatedBeams(
             directions=directions_of_sines("tilt", np.stack([sines, 0 * sines], 1)), width=WIDTH
         ),
         sensor=sg.FarField.grid(shape=shape, pitch=PITCH, center=(np.sin(np.deg2rad(view)), 0.0), side=side),
-    )
+    )  # fmt: skip
 
 
 def moments(stacks: np.ndarray, shift: int) -> np.ndarray:
@@ -58,12 +57,10 @@ def correlation(total: np.ndarray) -> np.ndarray:
 
 
 CASES = [
-    pytest.param(10, 0, 0.9, "transmission", marks=pytest.mark.slow),
-    (20, 0, 0.9, "transmission"),
+    pytest.param(10, 0, 0.9, "transmission", marks=pytest.mark.slow), (20, 0, 0.9, "transmission"),
     pytest.param(0, 20, 0.9, "transmission", marks=pytest.mark.slow),
-    pytest.param(-20, 20, 0.9, "transmission", marks=pytest.mark.slow),
-    (25, 0, 0.0, "reflection"),
-]
+    pytest.param(-20, 20, 0.9, "transmission", marks=pytest.mark.slow), (25, 0, 0.0, "reflection"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("view", "tilt", "g", "side"), CASES)

@@ -82,13 +82,9 @@ def test_single_scattering_of_the_reference_cube():
 def test_fields_have_the_covariance(reverse):
     """Mixtures too: field mode draws particles, covariance mode adds them up (A17)."""
     medium = box(
-        (-5, -5),
-        (5, 5),
-        extinction=0.2,
-        albedo=0.8,
-        particles=(henyey_greenstein(0.7, 2), particle_by_rejection(tilted_amplitude, 0.4, 2)),
-        shares=(0.3, 0.7),
-    )
+        (-5, -5), (5, 5), extinction=0.2, albedo=0.8,
+        particles=(henyey_greenstein(0.7, 2), particle_by_rejection(tilted_amplitude, 0.4, 2)), shares=(0.3, 0.7),
+    )  # fmt: skip
     setup = Setup(medium, 1.0, Far(directions([0, 5])), Far(directions([0, 5, 180])))
     expected = batches(covariance, setup, 400, reverse=reverse)
     drawn = np.array(
@@ -139,13 +135,9 @@ def test_a_kind_without_a_share_changes_no_bit(shares):
 
 
 LAYERS = Medium(
-    np.array([[-5.0, -5], [-5, 0]]),
-    np.array([[5.0, 0], [5, 5]]),
-    np.array([0.1, 0.3]),
-    np.array([1.0, 0.7]),
-    (henyey_greenstein(0.3, 2),),
-    np.ones((2, 1)),
-)
+    np.array([[-5.0, -5], [-5, 0]]), np.array([[5.0, 0], [5, 5]]), np.array([0.1, 0.3]), np.array([1.0, 0.7]),
+    (henyey_greenstein(0.3, 2),), np.ones((2, 1)),
+)  # fmt: skip
 
 
 @pytest.mark.slow
@@ -180,13 +172,9 @@ def test_equal_cells_with_a_void_are_one_box_with_a_void(reverse):
     lights, views = Far(directions([0, 3])), Far(directions([0, 183]))
     whole = box((-5, -5), (5, 0), extinction=0.3, particles=particle)
     parts = Medium(
-        np.array([[-5.0, -5], [1, -5], [-5, 2]]),
-        np.array([[1.0, 0], [5, 0], [5, 3]]),
-        np.array([0.3, 0.3, 0.0]),
-        np.ones(3),
-        particle,
-        np.ones((3, 1)),
-    )
+        np.array([[-5.0, -5], [1, -5], [-5, 2]]), np.array([[1.0, 0], [5, 0], [5, 3]]), np.array([0.3, 0.3, 0.0]),
+        np.ones(3), particle, np.ones((3, 1)),
+    )  # fmt: skip
     first, second = (Setup(medium, 1.0, lights, views) for medium in (whole, parts))
     assert_same(
         batches(covariance, first, 200, reverse=reverse), batches(covariance, second, 400, seed=2, reverse=reverse)

@@ -31,14 +31,12 @@ def make_scene(side="transmission", *, g, optical_depth, albedo=0.9, base=0.0, o
     return sg.Scene(
         wavelength=1.0,
         medium=sg.Slab(
-            thickness=THICKNESS,
-            mean_free_path=THICKNESS / optical_depth,
-            albedo=albedo,
+            thickness=THICKNESS, mean_free_path=THICKNESS / optical_depth, albedo=albedo,
             scatterer=sg.HenyeyGreenstein(g=g),
         ),
         illumination=sg.CollimatedBeams(directions=directions_of_sines("tilts", tilts), width=WIDTH),
         sensor=sg.FarField(directions=directions_of_sines("views", views, sign)),
-    )
+    )  # fmt: skip
 
 
 def transcribed(scene):
@@ -209,15 +207,9 @@ def naive_fields(scene, paths, count, *, hoisted=True):
     return np.array(
         [
             naive_field(
-                scene.medium,
-                wavelength=scene.wavelength,
-                width=WIDTH,
-                tilts=scene.beams.directions,
-                views=scene.sensor.directions,
-                paths=paths,
-                seed=seed,
-                hoisted=hoisted,
+                scene.medium, wavelength=scene.wavelength, width=WIDTH, tilts=scene.beams.directions,
+                views=scene.sensor.directions, paths=paths, seed=seed, hoisted=hoisted,
             ).ravel()
             for seed in range(count)
         ]
-    )
+    )  # fmt: skip

@@ -29,11 +29,9 @@ def box(albedo: float, optical_depth: float, dimensions: int = 3) -> sg.Box:
 
 def scene(medium: sg.Slab, sensor=None, side="transmission") -> sg.Scene:
     return sg.Scene(
-        wavelength=0.5,
-        medium=medium,
-        illumination=sg.CollimatedBeams.tilts([0.0, 1e-5], width=5000.0),
+        wavelength=0.5, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, 1e-5], width=5000.0),
         sensor=sensor or sg.FarField.grid(shape=(6, 6), pitch=4e-5, side=side),
-    )
+    )  # fmt: skip
 
 
 def unseen(made: sg.Scene) -> float:
@@ -119,8 +117,7 @@ def test_paths_that_are_not_drawn_across_are_refused(albedo, depth):
 @pytest.mark.parametrize(
     "made",
     [
-        seen(box(0.9, 40.0), AHEAD),
-        seen(box(0.9, 40.0, dimensions=2), [0.0, 1.0]),
+        seen(box(0.9, 40.0), AHEAD), seen(box(0.9, 40.0, dimensions=2), [0.0, 1.0]),
         scene(slab(0.9, 40.0), sg.NearField(points=[[0.0, 0.0, 1100.0]])),
         seen(sg.VoxelGrid(
             lower=[-100, -100, 0], upper=[100, 100, 1000], extinction=np.full((4, 2, 2), 0.04), albedo=0.9,

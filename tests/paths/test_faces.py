@@ -466,9 +466,7 @@ def test_light_near_the_critical_angle(index):
 REFUSED = {
     "points": (
         lambda: sg.Scene(
-            wavelength=1.0,
-            medium=slab(),
-            illumination=sg.PlaneWaves.tilts([0.0]),
+            wavelength=1.0, medium=slab(), illumination=sg.PlaneWaves.tilts([0.0]),
             sensor=sg.NearField(points=[[0.0, 0.0, -5.0]]),
         ),
         "Slab.faces must be matched, unless beams in space are seen from afar",
@@ -482,8 +480,7 @@ REFUSED = {
         r"CollimatedBeams.directions must be of sines below 0\.6667",
     ),
     "both sides": (
-        lambda: scene(slab(), sg.FarField(directions=[AXIS, -AXIS])),
-        "FarField.directions must be all on one side",
+        lambda: scene(slab(), sg.FarField(directions=[AXIS, -AXIS])), "FarField.directions must be all on one side",
     ),
     "reversed in transmission": (
         lambda: sg.covariance(scene(slab(), sg.FarField(directions=[AXIS])), paths=8, reverse=True),
@@ -493,7 +490,7 @@ REFUSED = {
     "no index": (lambda: sg.Faces(inside=40.0), "Faces.inside must be a refractive index between"),
     "pole": (lambda: theory.memory_effect_at_faces(5.0, 10, 1.7), r"at most 0\.4 OD = 4"),
     "no depth": (lambda: theory.memory_effect_at_faces(0.0, 0, 1.7), "optical_depth must be greater than 0"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", REFUSED)

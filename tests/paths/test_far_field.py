@@ -117,8 +117,7 @@ def test_a_gaussian_lobe_follows_its_closed_form():
 def scene(medium, tilt, width=20000.0):
     directions = [[0, 0, 1], [np.sin(tilt), 0, np.cos(tilt)]]
     return sg.Scene(
-        wavelength=WAVELENGTH, medium=medium,
-        illumination=sg.CollimatedBeams(directions=directions, width=width),
+        wavelength=WAVELENGTH, medium=medium, illumination=sg.CollimatedBeams(directions=directions, width=width),
         sensor=sg.FarFieldGrid(shape=(16, 16), pitch=WAVELENGTH / width / 2.5),
     )  # fmt: skip
 

@@ -9,17 +9,13 @@ from specklegen.coherence.partially_coherent import finite_path_excess
 from specklegen.paths.gaussianity import PathMoments
 
 SLAB = sg.Scene(
-    wavelength=0.5,
-    medium=sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(g=0.8)),
-    illumination=sg.CollimatedBeams.tilts([0.0], width=5000.0),
-    sensor=sg.FarField(directions=[[0.0, 0.0, 1.0]]),
-)
+    wavelength=0.5, medium=sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(g=0.8)),
+    illumination=sg.CollimatedBeams.tilts([0.0], width=5000.0), sensor=sg.FarField(directions=[[0.0, 0.0, 1.0]]),
+)  # fmt: skip
 BOX = sg.Scene(
-    wavelength=1.0,
-    medium=sg.Box(lower=[-5.0, -5.0], upper=[5.0, 5.0], mean_free_path=5.0, scatterer=sg.Isotropic()),
-    illumination=sg.PlaneWaves.tilts([0.0], dimensions=2),
-    sensor=sg.FarField.angles([1.0]),
-)
+    wavelength=1.0, medium=sg.Box(lower=[-5.0, -5.0], upper=[5.0, 5.0], mean_free_path=5.0, scatterer=sg.Isotropic()),
+    illumination=sg.PlaneWaves.tilts([0.0], dimensions=2), sensor=sg.FarField.angles([1.0]),
+)  # fmt: skip
 
 
 @pytest.mark.slow

@@ -161,15 +161,10 @@ def outgoing_power(bank, medium, light, power: np.ndarray, seed: int) -> tuple[n
 @pytest.mark.parametrize(
     ("optical_depth", "g", "tilt", "profile"),
     [
-        (0.1, 0.0, 0.0, "square"),
-        (1.0, 0.0, 0.8, "disc"),
-        (2.0, 0.9, 0.0, "gaussian"),
-        (2.0, -0.5, 0.5, "square"),
-        (5.0, 0.9, 0.8, "square"),
-        (5.0, 0.0, 0.0, "gaussian"),
-        (2.0, 0.99, 0.3, "disc"),
+        (0.1, 0.0, 0.0, "square"), (1.0, 0.0, 0.8, "disc"), (2.0, 0.9, 0.0, "gaussian"), (2.0, -0.5, 0.5, "square"),
+        (5.0, 0.9, 0.8, "square"), (5.0, 0.0, 0.0, "gaussian"), (2.0, 0.99, 0.3, "disc"),
     ],
-)
+)  # fmt: skip
 def test_scattered_light_is_what_left_the_beam(optical_depth, g, tilt, profile):
     """A02 in 3D: the integral of I over both hemispheres is A (1 - e^(-OD / i_z)) at albedo 1."""
     medium = slab(optical_depth, g)

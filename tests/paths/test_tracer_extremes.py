@@ -27,12 +27,9 @@ def test_single_scattering_is_equation_41():
     v = rng.normal(size=(4, 20, 3))
     i1, i2, v1, v2 = v / np.linalg.norm(v, axis=2, keepdims=True)
     medium = sg.Box(
-        lower=[-1.0, -0.8, -1.2],
-        upper=[1.0, 0.9, 1.1],
-        mean_free_path=1.5,
-        albedo=0.9,
+        lower=[-1.0, -0.8, -1.2], upper=[1.0, 0.9, 1.1], mean_free_path=1.5, albedo=0.9,
         scatterer=sg.HenyeyGreenstein(g=0.3),
-    )
+    )  # fmt: skip
     scene = sg.Scene(
         wavelength=1.0, medium=medium, illumination=sg.PlaneWaves(directions=np.concatenate([i1, i2])),
         sensor=sg.FarField(directions=np.concatenate([v1, v2])),
@@ -105,16 +102,14 @@ def test_a_beam_much_wider_than_a_medium_is_a_plane_wave(dense, profile):
     )  # fmt: skip
     beam, plane = (
         sg.Scene(
-            wavelength=1.0,
-            medium=medium,
-            illumination=light,
+            wavelength=1.0, medium=medium, illumination=light,
             sensor=sg.FarField(directions=[[-1.0, 0, 0], [0.6, 0, 0.8]]),
         )  # fmt: skip
         for light in (
             sg.CollimatedBeams(directions=[[0.0, 0.0, 1.0]], width=1e6, profile=profile),
             sg.PlaneWaves(directions=[[0.0, 0.0, 1.0]]),
         )
-    )
+    )  # fmt: skip
     one, two = estimate(beam), estimate(plane)
     assert (one.intensity > 0).all()
     np.testing.assert_allclose(one.intensity, two.intensity, rtol=1e-9)

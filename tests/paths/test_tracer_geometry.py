@@ -52,9 +52,8 @@ def both(dimension, g, light, sensor, slab=False):
     scatterer = sg.HenyeyGreenstein(g=g) if g else sg.Isotropic()
     if slab:
         bottom, region = (
-            0.0,
-            (np.array([-1.25] * (dimension - 1) + [0.0]), np.array([3.6, 1.25][: dimension - 1] + [5.0])),
-        )
+            0.0, (np.array([-1.25] * (dimension - 1) + [0.0]), np.array([3.6, 1.25][: dimension - 1] + [5.0])),
+        )  # fmt: skip
         medium = sg.Slab(thickness=5.0, mean_free_path=4.0, albedo=0.9, scatterer=scatterer)
         corners = [-np.inf] * (dimension - 1) + [0.0], [np.inf] * (dimension - 1) + [5.0]
     else:

@@ -188,9 +188,8 @@ def test_each_kind_of_cells_has_a_type_of_its_own():
     box = sg.Box(lower=[-5.0] * 3, upper=[5.0] * 3, mean_free_path=5.0, scatterer=scatterer)
     kinds = {
         HOMOGENEOUS: [box, sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=scatterer), sg.Layers(layers=alike)],
-        LAYERS: [sg.Layers(layers=layers)],
-        GRID: [grid(np.full((1, 1, 1), 0.2)), grid(np.full((2, 1, 3), 0.2))],
-    }
+        LAYERS: [sg.Layers(layers=layers)], GRID: [grid(np.full((1, 1, 1), 0.2)), grid(np.full((2, 1, 3), 0.2))],
+    }  # fmt: skip
     for kind, media in kinds.items():
         for medium in media:
             cells = volume_of(medium, 3).cells

@@ -49,9 +49,8 @@ def _gap(a, t, triangle, z):
         return -(a + t * z)
     return min(
         _segment_distance(low[0], low[1], middle[0], middle[1]),
-        _segment_distance(middle[0], middle[1], high[0], high[1]),
-        _segment_distance(high[0], high[1], low[0], low[1]),
-    ) - (a + t * z)
+        _segment_distance(middle[0], middle[1], high[0], high[1]), _segment_distance(high[0], high[1], low[0], low[1]),
+    ) - (a + t * z)  # fmt: skip
 
 
 @njit

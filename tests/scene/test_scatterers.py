@@ -17,15 +17,10 @@ RIPPLES = sg.Tabulated(theta=[0.0, 0.3, 1.0, 2.0, PI], amplitude=[3.0, -1 + 2j, 
 PEAKED = sg.Tabulated(theta=[0.0, 1e-3, 2e-3, PI], amplitude=[1e3, 1e3j, 0.1, 0.1])
 
 FLAT_TOO = {
-    "isotropic": sg.Isotropic(),
-    "henyey": sg.HenyeyGreenstein(g=0.9),
-    "backward": sg.HenyeyGreenstein(g=-0.9),
-    "nearly isotropic lobe": sg.VonMisesFisher(concentration=1e-9),
-    "lobe": sg.VonMisesFisher(concentration=3.0),
-    "narrow lobe": sg.VonMisesFisher(concentration=1e5),
-    "ripples": RIPPLES,
-    "peaked": PEAKED,
-}
+    "isotropic": sg.Isotropic(), "henyey": sg.HenyeyGreenstein(g=0.9), "backward": sg.HenyeyGreenstein(g=-0.9),
+    "nearly isotropic lobe": sg.VonMisesFisher(concentration=1e-9), "lobe": sg.VonMisesFisher(concentration=3.0),
+    "narrow lobe": sg.VonMisesFisher(concentration=1e5), "ripples": RIPPLES, "peaked": PEAKED,
+}  # fmt: skip
 SPHERE = sg.Mie(radius=0.8, wavelength=0.5, refractive_index=1.2)
 CASES = [(name, d) for name in FLAT_TOO for d in (2, 3)] + [("sphere", 3)]
 
@@ -251,18 +246,15 @@ REFUSED = {
     "dark": (lambda: tabulated(amplitude=[0, 0, 0]), ["Tabulated.amplitude", "other than 0"]),
     "lengths differ": (lambda: tabulated(amplitude=[1, 1]), ["Tabulated.amplitude", "(3,)", "(2,)"]),
     "negative density": (
-        lambda: sg.Tabulated.from_power([0, 1, PI], [1, -1, 1]),
-        ["Tabulated.from_power power", "at least 0", "-1."],
+        lambda: sg.Tabulated.from_power([0, 1, PI], [1, -1, 1]), ["Tabulated.from_power power", "at least 0", "-1."],
     ),
     "g = 1": (lambda: sg.HenyeyGreenstein(g=1), ["HenyeyGreenstein.g", "both excluded"]),
     "no concentration": (
-        lambda: sg.VonMisesFisher(concentration=0),
-        ["VonMisesFisher.concentration", "greater than 0", "0"],
+        lambda: sg.VonMisesFisher(concentration=0), ["VonMisesFisher.concentration", "greater than 0", "0"],
     ),
     "negative concentration": (lambda: sg.VonMisesFisher(concentration=-1), ["VonMisesFisher.concentration", "-1"]),
     "concentration beyond rounding": (
-        lambda: sg.VonMisesFisher(concentration=1e11),
-        ["VonMisesFisher.concentration", "at most 10000000000"],
+        lambda: sg.VonMisesFisher(concentration=1e11), ["VonMisesFisher.concentration", "at most 10000000000"],
     ),
     "no radius": (lambda: mie(radius=0.0), ["Mie.radius", "greater than 0", "0.0"]),
     "gain": (lambda: mie(refractive_index=1.2 - 0.1j), ["Mie.refractive_index", "absorption", "0.1j", "n + i kappa"]),
@@ -277,7 +269,7 @@ REFUSED = {
     "one fraction short": (lambda: mixed([1.0]), ["Mixture.fractions", "2 in all", "1.0"]),
     "no types": (lambda: mixed([], []), ["Mixture.types", "at least 1 long"]),
     "nested": (lambda: mixed([1.0], [mixed([0.5, 0.5])]), ["Mixture.types", "types of particle", "Mixture"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", REFUSED)

@@ -283,8 +283,7 @@ def tabulated_sampler() -> Row:
     return holds(
         "tabulated phase function: a spike, zero bins, complex amplitude", "its own table", "density and phase kept",
         {
-            f"chi-square {score:.0f} below {limit:.0f}": score < limit,
-            "zero bins never drawn": not found[~lit].any(),
+            f"chi-square {score:.0f} below {limit:.0f}": score < limit, "zero bins never drawn": not found[~lit].any(),
             "phase kept": bool(np.angle(table.amplitude(-1.0)) == np.pi / 2),
         },
     )  # fmt: skip

@@ -43,11 +43,9 @@ def views(*vectors) -> sg.FarField:
 def scene(medium, light=None, sensor=None, wavelength: float = 1.0) -> sg.Scene:
     """A scene of one beam along the axis and three views, unless told otherwise."""
     return sg.Scene(
-        wavelength=wavelength,
-        medium=medium,
-        illumination=beams([0.0]) if light is None else light,
+        wavelength=wavelength, medium=medium, illumination=beams([0.0]) if light is None else light,
         sensor=views([0, 0, 1], [0.1, 0, 1], [0.3, 0.2, -1]) if sensor is None else sensor,
-    )
+    )  # fmt: skip
 
 
 def exact_single(of: sg.Scene) -> np.ndarray:

@@ -73,9 +73,7 @@ def literal(where, sampler, known):
 
 
 CASES = {
-    "along x": scene(),
-    "along y": scene(step=(0.0, -3 * GRAIN)),
-    "aslant": scene(12, (2.5 * GRAIN, 1.7 * GRAIN)),
+    "along x": scene(), "along y": scene(step=(0.0, -3 * GRAIN)), "aslant": scene(12, (2.5 * GRAIN, 1.7 * GRAIN)),
     "far apart": scene(16, (5 * GRAIN, 0.0)),
     "of even angles": scene().replace(  # their sines are even within .0002 of a step
         illumination=sg.CollimatedBeams.tilts(np.arange(-8, 8) * 0.6 * GRAIN, width=WIDTH)
@@ -83,7 +81,7 @@ CASES = {
     "of even angles aside": scene().replace(  # .0004 of a step
         illumination=sg.CollimatedBeams.tilts(0.02 + np.arange(-8, 8) * 0.6 * GRAIN, width=WIDTH)
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -66,11 +66,9 @@ def bounded():
 CASES = {
     "one field": (sampler, 1),
     "two modes of light": (lambda: sampler(light=LightModes(np.array([0.6, 0.3]), (K, K), 0.1)), 1),
-    "three tilts": (tilted, 1),
-    "four frames": (sampler, 4),
-    "round window": (lambda: sampler(profile="disc"), 1),
+    "three tilts": (tilted, 1), "four frames": (sampler, 4), "round window": (lambda: sampler(profile="disc"), 1),
     "an envelope": (bounded, 1),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", CASES)

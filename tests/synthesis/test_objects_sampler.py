@@ -26,14 +26,9 @@ BASE = np.array([[0.0, 0.0], [4.3 * GRAIN, -2.1 * GRAIN]])
 
 def sampler(**changes):
     options = {
-        "wavelength": 0.5,
-        "object_shape": BRIGHT.shape,
-        "object_pitch": 0.8 * GRAIN,
-        "width": 5e4,
-        "grid": FarFieldGrid(shape=(9, 7), pitch=0.4 * GRAIN),
-        "base": BASE,
-        "dtype": torch.complex128,
-    } | changes
+        "wavelength": 0.5, "object_shape": BRIGHT.shape, "object_pitch": 0.8 * GRAIN, "width": 5e4,
+        "grid": FarFieldGrid(shape=(9, 7), pitch=0.4 * GRAIN), "base": BASE, "dtype": torch.complex128,
+    } | changes  # fmt: skip
     return one_object(K, **options)
 
 

@@ -153,15 +153,9 @@ def test_algorithm_1_has_this_single_scattering(dimension):
         part = next(contributions(setup, 800, np.random.default_rng(seed), reverse=True))
         found.append((part.weight * part.amplitude[:20] * part.amplitude[20:].conj()).sum(axis=1) / 800)
     expected = box_covariance(
-        lower,
-        upper,
-        extinction=0.2,
-        albedo=0.7,
-        wavelength=1.0,
-        amplitude=particle.amplitude,
-        lights=(i[:20], i[20:]),
+        lower, upper, extinction=0.2, albedo=0.7, wavelength=1.0, amplitude=particle.amplitude, lights=(i[:20], i[20:]),
         views=(v[:20], v[20:]),
-    )
+    )  # fmt: skip
     assert_mean(np.real(found), expected.real)
     assert_mean(np.imag(found), expected.imag)
     with pytest.raises(AssertionError, match="z ="):  # 5 % in an attenuation

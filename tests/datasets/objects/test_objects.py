@@ -68,19 +68,15 @@ FAMILIES = [
 def family(request, folder):
     shape = (24, 32)
     return {
-        "glyphs": lambda: Glyphs(shape=shape),
-        "photographs": lambda: Photographs(shape=shape),
+        "glyphs": lambda: Glyphs(shape=shape), "photographs": lambda: Photographs(shape=shape),
         "folder": lambda: Folder(shape=shape, path=str(folder)),
-        "digits": lambda: pytest.importorskip("sklearn") and Digits(shape=shape),
-        "points": lambda: Points(shape=shape),
-        "bars": lambda: Bars(shape=shape),
-        "silhouettes": lambda: Silhouettes(shape=shape),
-        "strokes": lambda: Strokes(shape=shape),
-        "polygons": lambda: Polygons(shape=shape),
+        "digits": lambda: pytest.importorskip("sklearn") and Digits(shape=shape), "points": lambda: Points(shape=shape),
+        "bars": lambda: Bars(shape=shape), "silhouettes": lambda: Silhouettes(shape=shape),
+        "strokes": lambda: Strokes(shape=shape), "polygons": lambda: Polygons(shape=shape),
         "blobs": lambda: Blobs(shape=shape),
         "families": lambda: Families(shape=shape, families=(Glyphs(shape=shape), Points(shape=shape))),
         "scan": lambda: Scan(shape=shape, grid=(2, 3), step=8, of=Glyphs(shape=(16, 16))),
-    }[request.param]()
+    }[request.param]()  # fmt: skip
 
 
 def test_an_object_is_float32_from_0_to_1_with_something_on_it(family):

@@ -128,15 +128,13 @@ REFUSED = {
     "walls": ({"material": {"faces": {"inside": 1.33, "wall": 1.52}}}, "faces must be without a wall"),
     "a mosaic behind an analyser": ({"mosaic": {}}, 'Light.analyser must be "none"'),
     "a mosaic of odd sides": (
-        {"mosaic": {}, "light": {"analyser": "none"}, "camera": {"shape": [41, 40]}},
-        "CameraGrid.shape must be of ev",
+        {"mosaic": {}, "light": {"analyser": "none"}, "camera": {"shape": [41, 40]}}, "CameraGrid.shape must be of ev",
     ),
     "a mosaic before spheres": (
-        {"mosaic": {}, "light": {"analyser": "none", "polarisation": "vector"}},
-        "Light.polarisation must be",
+        {"mosaic": {}, "light": {"analyser": "none", "polarisation": "vector"}}, "Light.polarisation must be",
     ),
     "no amplitudes": ({"light": {"polarisation": "vector"}}, "Slab.polarisation"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", REFUSED)

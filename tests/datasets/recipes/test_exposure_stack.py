@@ -107,10 +107,8 @@ def test_the_target_is_what_was_drawn():
 
 
 @pytest.mark.parametrize(("changes", "says"), [
-    ({"tau0": None}, "Exposures must be given by one of"),
-    ({"diffusion": 1.0}, "Exposures must be given by one of"),
-    ({"durations": []}, "durations"),
-    ({"durations": [0.0]}, "greater than 0"),
+    ({"tau0": None}, "Exposures must be given by one of"), ({"diffusion": 1.0}, "Exposures must be given by one of"),
+    ({"durations": []}, "durations"), ({"durations": [0.0]}, "greater than 0"),
     ({"tau0": 0.0}, "Exposures.tau0 must be greater than 0"),
 ])  # fmt: skip
 def test_bad_input_is_named(changes, says):

@@ -25,10 +25,9 @@ def test_drawn_slabs_are_looked_up(name):
         ("through-slab", {"scatterer": {"type": "VonMisesFisher", "concentration": {"uniform": [20.0, 40.0]}}}),
         ("through-slab-lab", DRAWN),  # light of a band
         ("dynamic-slab", DRAWN),
-        ("polarised-tissue", DRAWN),
-        ("masked-light-slab", DRAWN),
+        ("polarised-tissue", DRAWN), ("masked-light-slab", DRAWN),
     ],
-)
+)  # fmt: skip
 def test_others_are_estimated(name, material):
     recipe = load_recipe(name, {"material": material})
     assert recipe.material.kernel == "estimate"

@@ -12,13 +12,10 @@ from specklegen.datasets.store.generate import generate
 
 SMALL = {
     "through-slab": {
-        "material": {"kernel_paths": 2000},
-        "camera": {"shape": [32, 32]},
-        "samples": {"train": 24},
-        "media": 5,
+        "material": {"kernel_paths": 2000}, "camera": {"shape": [32, 32]}, "samples": {"train": 24}, "media": 5,
     },
     "tilt-stack": {"material": {"kernel_paths": 1000}, "camera": {"shape": [16, 16]}, "samples": {"train": 12}},
-}
+}  # fmt: skip
 TIMEOUT = 240  # seconds for a batch; a hung worker fails instead of hanging the run
 
 

@@ -225,9 +225,8 @@ def test_lab_terms_and_engine_terms_make_the_same_images():
         material=lab.material.replace(wavelength=wave),  # which has taken the faces of the laboratory
         window={"width": 5.0, "profile": "disc"},
         camera={"shape": [128, 128], "pixels_per_grain": (wave / 5.0) / (0.005 / (n * 100.0))},
-        field={"pitch": 0.3 / 28 / (n * 200.0)},
-        light={"bandwidth": 1e-6, "refractive_index": n},
-    )
+        field={"pitch": 0.3 / 28 / (n * 200.0)}, light={"bandwidth": 1e-6, "refractive_index": n},
+    )  # fmt: skip
     one, two = lab.sample(0, "train", 1), engine.sample(0, "train", 1)
     np.testing.assert_array_equal(one["object"], two["object"])
     assert np.mean(one["image"] != two["image"]) < 1e-3  # rounding decides hardly a photon

@@ -16,10 +16,9 @@ def slab(depth, g, **fields):
     ("depth", "g", "expected"),
     [
         (10.0, 0.9, {"thickness": 0.133, "optical_depth": 0.084, "g": 0.055, "transport_depth": 0.052}),
-        (30.0, 0.8, {"optical_depth": 3.16, "g": 3.26}),
-        (20.0, 0.0, {"optical_depth": 2.26}),
+        (30.0, 0.8, {"optical_depth": 3.16, "g": 3.26}), (20.0, 0.0, {"optical_depth": 2.26}),
     ],
-)
+)  # fmt: skip
 def test_errors_are_those_of_an_independent_program(depth, g, expected):
     found = sg.advise(slab(depth, g), wavelength=1e-3).rows[0]
     for name, error in expected.items():

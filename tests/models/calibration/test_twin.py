@@ -187,13 +187,11 @@ def test_the_written_recipe_renders():
 @pytest.mark.parametrize(
     ("changes", "rule"),
     [
-        ({"images": 4}, "twin images must be"),
-        ({"seed": -1}, "twin seed must be"),
+        ({"images": 4}, "twin images must be"), ({"seed": -1}, "twin seed must be"),
         ({"recipe": "tilt-stack"}, "whole stacks of 5 frames"),
-        ({"recipe": "through-slab"}, "at least 128 x 128 pixels"),
-        ({"recipe": "no-such-recipe"}, "no-such-recipe"),
+        ({"recipe": "through-slab"}, "at least 128 x 128 pixels"), ({"recipe": "no-such-recipe"}, "no-such-recipe"),
     ],
-)
+)  # fmt: skip
 def test_what_is_refused(changes, rule):
     with pytest.raises(RuleError, match=rule):
         sg.twin(**{"photographs": SETUP.draw((96, 96), 1, 0)} | changes)

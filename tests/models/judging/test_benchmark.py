@@ -142,12 +142,10 @@ def test_the_memory_effect_is_over_object_pixels(thin, batch):
     ("answer", "said"),
     [
         (lambda b: b["image"][:, :65, :65], r"real\[2, n, n\], n at most 64; got 'torch.float32\[2, 65, 65\]'"),
-        (lambda b: b["image"][:1, :28, :28], r"\[1, 28, 28\]"),
-        (lambda b: b["object"][0], r"\[28, 28\]"),
-        (lambda b: b["object"] * 1j, r"complex64"),
-        (lambda b: b["object"] / 0, "finite"),
+        (lambda b: b["image"][:1, :28, :28], r"\[1, 28, 28\]"), (lambda b: b["object"][0], r"\[28, 28\]"),
+        (lambda b: b["object"] * 1j, r"complex64"), (lambda b: b["object"] / 0, "finite"),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_answer_is_a_failure_that_is_named_and_scored(answer, said):
     results = benchmark({"mine": answer}, tasks=["thin"], samples=2)
     (failure,) = results.failures
@@ -182,13 +180,11 @@ def hungry(batch):
 @pytest.mark.parametrize(
     ("function", "said"),
     [
-        (lambda batch: time.sleep(60), "took longer than 2 s"),
-        (hungry, "memory|allocate"),
+        (lambda batch: time.sleep(60), "took longer than 2 s"), (hungry, "memory|allocate"),
         (lambda batch: os._exit(3), "its process died, exit code 3"),
-        (lambda batch: 1 / 0, "ZeroDivisionError: division by zero"),
-        (lambda batch: sys.exit(), "SystemExit"),
+        (lambda batch: 1 / 0, "ZeroDivisionError: division by zero"), (lambda batch: sys.exit(), "SystemExit"),
     ],
-)
+)  # fmt: skip
 def test_a_function_fails_alone(function, said):
     """For the batch that it does not answer; the others go on, and so does the next batch."""
     calls = itertools.count()

@@ -141,10 +141,8 @@ def test_cube_is_that_of_the_reference():
     """3D, forward only; the reference's single and multiple scattering apart."""
     reference = load("monte_carlo_3d_box_forward.npz")
     scene = sg.Scene(
-        wavelength=1.0,
-        medium=sg.Box(lower=[-50.0] * 3, upper=[50.0] * 3, mean_free_path=20.0, scatterer=ISOTROPIC),
-        illumination=sg.PlaneWaves.tilts([0.0]),
-        sensor=sg.FarField(directions=reference["v"].T),
+        wavelength=1.0, medium=sg.Box(lower=[-50.0] * 3, upper=[50.0] * 3, mean_free_path=20.0, scatterer=ISOTROPIC),
+        illumination=sg.PlaneWaves.tilts([0.0]), sensor=sg.FarField(directions=reference["v"].T),
     )  # fmt: skip
     entries = [[0, n, 0, n] for n in range(37)]
     found = sg.covariance(scene, paths=12_800, seed=4, reverse=False, pairs=entries)

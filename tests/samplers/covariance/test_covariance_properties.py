@@ -186,18 +186,11 @@ def test_auto_leaves_out_what_does_not_matter(dimension):
 
 
 small_scenes = st.builds(
-    dict,
-    dimension=st.sampled_from([2, 3]),
-    size=st.floats(0.5, 20),
-    mean_free_path=st.floats(0.5, 1e6),
-    albedo=st.floats(0, 1),
-    g=st.floats(-0.95, 0.95),
-    reverse=st.booleans(),
-    light=st.sampled_from(["plane", "beam", "point"]),
-    near=st.booleans(),
-    angles=st.lists(st.floats(-3.2, 3.2), min_size=1, max_size=3),
-    tilt=st.floats(-1.5, 1.5),
-)
+    dict, dimension=st.sampled_from([2, 3]), size=st.floats(0.5, 20), mean_free_path=st.floats(0.5, 1e6),
+    albedo=st.floats(0, 1), g=st.floats(-0.95, 0.95), reverse=st.booleans(),
+    light=st.sampled_from(["plane", "beam", "point"]), near=st.booleans(),
+    angles=st.lists(st.floats(-3.2, 3.2), min_size=1, max_size=3), tilt=st.floats(-1.5, 1.5),
+)  # fmt: skip
 
 
 @settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

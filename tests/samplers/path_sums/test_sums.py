@@ -261,16 +261,11 @@ def test_nufft_is_the_direct_sum_within_the_tolerance(half_field, tolerance):
 
 
 GRIDS = {
-    "even": {"shape": (32, 48)},
-    "mixed": {"shape": (33, 48)},
-    "odd": {"shape": (31, 33)},
-    "one view": {"shape": (1, 1)},
-    "one row": {"shape": (1, 40)},
-    "one column": {"shape": (40, 1)},
-    "off centre": {"shape": (32, 31), "center": (0.03, -0.02)},
-    "reflection": {"shape": (31, 32), "side": "reflection"},
+    "even": {"shape": (32, 48)}, "mixed": {"shape": (33, 48)}, "odd": {"shape": (31, 33)},
+    "one view": {"shape": (1, 1)}, "one row": {"shape": (1, 40)}, "one column": {"shape": (40, 1)},
+    "off centre": {"shape": (32, 31), "center": (0.03, -0.02)}, "reflection": {"shape": (31, 32), "side": "reflection"},
     "reflection off centre": {"shape": (32, 32), "center": (-0.2, 0.1), "side": "reflection"},
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", GRIDS)

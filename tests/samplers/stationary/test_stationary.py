@@ -251,24 +251,19 @@ def criterion_scene(g, width, *, center=0.0) -> sg.Scene:
     medium = slab(g=g)
     half = {0.0: 1.5, 0.9: 3.93}[g] / (K * THICKNESS)
     return sg.Scene(
-        wavelength=WAVELENGTH,
-        medium=medium,
+        wavelength=WAVELENGTH, medium=medium,
         illumination=sg.CollimatedBeams.tilts([0.0, half, 2 * half], width=width * THICKNESS),
         sensor=sg.FarField.grid(
             shape=(3, 3), pitch=0.4 * WAVELENGTH / (width * THICKNESS), center=(np.sin(center), 0.0)
         ),
-    )
+    )  # fmt: skip
 
 
 # The criterion as a prototype measured it, at optical depth 10: g, width over thickness, view in degrees, error.
 MEASURED = [
-    (0.9, 25, 0, 0.007),
-    (0.9, 4, 0, 0.05),
-    (0.0, 50, 0, 0.016),
-    (0.0, 4, 0, 0.15),
-    (0.9, 200, 10, 0.04),
+    (0.9, 25, 0, 0.007), (0.9, 4, 0, 0.05), (0.0, 50, 0, 0.016), (0.0, 4, 0, 0.15), (0.9, 200, 10, 0.04),
     (0.9, 200, 20, 0.14),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("g", "width", "view", "expected"), MEASURED)
@@ -314,8 +309,7 @@ def objects(dtype, *, profile="square", tolerance=1e-3, shape=(20, 23), pitch_sh
     kernel = estimate_correlation(slab(), 5000, 1)
     grid = sg.FarField.grid(shape=shape, pitch=pitch_share * WAVELENGTH / width / 2, center=(1e-5, -3e-5))
     return (
-        kernel,
-        grid,
+        kernel, grid,
         one_object(
             kernel, wavelength=WAVELENGTH, object_shape=OBJECT.shape, object_pitch=5e-5, width=width,
             grid=grid, profile=profile, tolerance=tolerance, dtype=dtype,
@@ -453,10 +447,8 @@ def test_complex_normals_have_unit_power():
 def test_views_that_no_transform_reaches_are_refused(pitch, tilts):
     """However fine the pitch: 1e-30 asked for more views than a machine can count."""
     scene = sg.Scene(
-        wavelength=0.5,
-        medium=sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9)),
-        illumination=sg.CollimatedBeams.tilts(tilts, width=50_000.0),
-        sensor=sg.FarField.grid((8, 8), pitch),
-    )
+        wavelength=0.5, medium=sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9)),
+        illumination=sg.CollimatedBeams.tilts(tilts, width=50_000.0), sensor=sg.FarField.grid((8, 8), pitch),
+    )  # fmt: skip
     with pytest.raises(RuleError, match=rf"a transform of 16384 views .* views of pitch {pitch:.3g} with"):
         stack_axes(scene)
