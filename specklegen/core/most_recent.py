@@ -3,7 +3,7 @@
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from itertools import count
-from threading import Lock
+from threading import RLock
 from typing import Any, Generic, TypeVar
 from weakref import WeakValueDictionary
 
@@ -44,7 +44,7 @@ class MostRecent(Generic[Key, Result]):
     """
 
     def __init__(self, most_bytes: int, most: int = 64, held: Callable[[Result], object] = lambda whole: whole) -> None:
-        self._most_bytes, self._most, self._held, self._lock = most_bytes, most, held, Lock()
+        self._most_bytes, self._most, self._held, self._lock = most_bytes, most, held, RLock()
         self._results: OrderedDict[Key, Result] = OrderedDict()
         STORES[next(_NUMBER)] = self
 
@@ -61,19 +61,16 @@ class MostRecent(Generic[Key, Result]):
         with self._lock:
             result = self._results.setdefault(key, result)  # another thread may have been as quick
             self._results.move_to_end(key)
-            self._let_go(1)
+            self.trim(least=1)
         return result
 
-    def trim(self) -> None:
-        """Weigh them now, and let the last one go too if it is too large."""
+    def trim(self, least: int = 0) -> None:
+        """Weigh them now, and let the oldest go while they are too large; the last ``least`` stay."""
         with self._lock:
-            self._let_go(0)
-
-    def _let_go(self, least: int) -> None:
-        sizes = {key: array_bytes(self._held(result)) for key, result in self._results.items()}
-        while len(sizes) > least and (len(sizes) > self._most or sum(sizes.values()) > self._most_bytes):
-            oldest, _ = self._results.popitem(last=False)
-            del sizes[oldest]
+            sizes = {key: array_bytes(self._held(result)) for key, result in self._results.items()}
+            while len(sizes) > least and (len(sizes) > self._most or sum(sizes.values()) > self._most_bytes):
+                oldest, _ = self._results.popitem(last=False)
+                del sizes[oldest]
 
     def forget(self) -> None:
         """Let all of them go."""

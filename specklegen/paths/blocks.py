@@ -33,17 +33,20 @@ def trace_blocks(
 
     def block(start: int) -> PathBank:
         size = min(BLOCK, first + count - start)
-        room, connections, jones = 0, int(capacity * size) + 1, None
-        while connections > room:
-            room = connections
+        room = int(capacity * size) + 1
+        while True:
             found = walk.Found(
                 np.empty((room, columns)), np.empty(room, np.int32), np.empty(room, np.int64),
                 np.zeros((room, 2), bounces), np.empty(room, np.int64),
             )  # fmt: skip
             types = np.zeros((room, 2), np.int32)
+            jones = None
             if matrices is not None:
                 jones = Jones(matrices, np.empty((2, CARRIED)), np.empty(STEP), np.zeros((room, ENTRIES)))
             connections, events, unfinished, unfinished_weight = run((start, size), found, types, jones)
+            if connections <= room:
+                break
+            room = connections
         order = found.ranks[:connections]
         records, orders, paths, types, legs = (
             values.take(order, axis=0) for values in (found.records, found.orders, found.paths, types, found.bounces)

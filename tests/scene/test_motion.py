@@ -38,7 +38,7 @@ def test_stokes_and_einstein():
     assert 1 / (found.diffusion * (2 * np.pi / wavelength) ** 2) == pytest.approx(4.73e-3, rel=2e-3)
     for wrong in ("radius", "viscosity", "temperature", "unit"):
         numbers = {"radius": 1.0, "viscosity": 1.0, "temperature": 1.0, "unit": 1.0} | {wrong: 0.0}
-        with pytest.raises(RuleError, match=f"of_sphere {wrong} must be .*greater than 0"):
+        with pytest.raises(RuleError, match=f"of_sphere {wrong} must be .*above 0"):
             sg.Brownian.of_sphere(**numbers)
 
 

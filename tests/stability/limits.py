@@ -99,7 +99,7 @@ def bad_values() -> Row:
         (lambda: sg.covariance(scene(slab(1.0)), paths=1.5), ["paths", "whole"]),
         (lambda: sg.render(scene(slab(1.0)), paths=2.5), ["paths", "whole"]),
         (lambda: sg.memory_effect(slab(1.0), wavelength=1.0, tilts=[0.0], paths=2.5), ["paths", "whole"]),
-        (lambda: sg.memory_effect(slab(1.0), wavelength=-1.0, tilts=[0.0]), ["wavelength", "greater than 0"]),
+        (lambda: sg.memory_effect(slab(1.0), wavelength=-1.0, tilts=[0.0]), ["wavelength", "above 0"]),
         (lambda: sg.memory_effect(slab(1.0), wavelength=1.0, tilts=[NAN]), ["tilts", "nan"]),
         (lambda: sg.render(scene(slab(1.0)), seed=-1), ["seed", "at least 0"]),
         (lambda: sg.covariance(scene(slab(1.0)), rel_error=NAN), ["rel_error", "between 1e-09 and 1"]),

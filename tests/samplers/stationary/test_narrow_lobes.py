@@ -131,11 +131,11 @@ def hidden(scene, lit, pitch=1e-3):
 
 def test_an_object_is_seen_under_an_envelope_by_the_planners_choice(scene):
     near = hidden(scene, [1.0, 0.0, 1.0])
-    made = sg.plan(near, paths=2000)
+    made = sg.plan(near, rel_error=0.03)
     assert (made.sampler, made.doubts) == ("stationary", ())
     assert "of the axis under an envelope" in made.explain()
     assert made.chosen.maps is not None
-    plain = sg.plan(near, paths=2000, sampler="stationary", envelope=False)
+    plain = sg.plan(near, rel_error=0.03, sampler="stationary", envelope=False)
     assert plain.doubts
     assert plain.chosen.maps is None
     few = near.replace(sensor=sg.FarField.grid((33, 33), 1 / 6000))
