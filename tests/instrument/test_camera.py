@@ -139,6 +139,7 @@ def test_contrast_of_a_weighted_sum():
 def test_contrast_of_depolarised_light(degree):
     one, other = np.random.default_rng(0).exponential(size=(2, *SHAPE))
     shares = np.array([1 + degree, 1 - degree]) / 2
+    np.testing.assert_allclose(depolarised(one, other, degree), shares[0] * one + shares[1] * other, rtol=1e-12)
     assert_moments(depolarised(one, other, degree), 1, (1 + degree**2) / 2, 6 * (shares**4).sum())
 
 
@@ -265,6 +266,7 @@ def test_pixels_average_over_their_points():
         (lambda: Camera(photons=1, read_noise=-1), r"Camera\.read_noise must be at least 0"),
         (lambda: Camera(photons=1, bit_depth=17), r"Camera\.bit_depth must be at most 16"),
         (lambda: Camera(photons=1, bit_depth=8, offset=255), r"Camera\.offset must be below the largest count"),
+        (lambda: Camera(photons=1, gain=2.04).require_light(1), r"Camera\.photons must be enough for a count"),
         (lambda: Camera(photons=1, oversampling=0), r"Camera\.oversampling must be at least 1"),
         (lambda: expose(Camera(photons=1), -FLAT, STREAMS), "expose image must be finite and at least 0"),
         (lambda: expose(Camera(photons=1), FLAT * np.nan, STREAMS), "expose image must be finite"),
@@ -286,6 +288,10 @@ def test_pixels_average_over_their_points():
 def test_bad_input_names_field_rule_and_value(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def test_half_a_count_is_enough():
+    Camera(photons=1, gain=1.96).require_light(1)
 
 
 def test_a_camera_is_a_value():

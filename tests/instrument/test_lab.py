@@ -114,6 +114,10 @@ def test_phase_errors_are_those_of_the_expansion():
     assert setup.phase_errors["phi_3"] * scale**3 == pytest.approx(0.443, abs=5e-4)
     filled = 0.75 * k * x**2 * (setup.aperture / 2) ** 2 * (1 / u**3 + 1 / (u**2 * v))
     assert setup.phase_errors["phi_4"] == pytest.approx(filled, rel=1e-12)
+    s = 0.1  # mm, half the image of the object: of a camera that it fills, and of one twice as wide
+    for pixels, shift in ((40, 0.75 * s**3), (80, 3 * 2 * s * s * (2 * s - s))):
+        found = setup.replace(pixels=(pixels, pixels)).phase_errors["phi_1"]
+        assert found == pytest.approx(k / 4 * shift / v**3 * setup.aperture, rel=1e-12)
 
 
 def test_a_lens_takes_the_terms_of_the_camera_away():

@@ -88,6 +88,17 @@ def test_densities_add_up_to_the_scattered_light(faces):
     assert steradians @ found.transmitted == pytest.approx(found.transmittance - found.ballistic, abs=1e-12)
 
 
+def test_errors_of_densities_are_those_of_counted_paths():
+    """Without absorption paths weigh 1 within 1 %: the binomial error of their share in each step."""
+    found = sg.reflectance_transmittance(VAN_DE_HULST.replace(albedo=1.0), paths=4000, seed=5)
+    steradians = -2 * np.pi * np.diff(np.cos(found.angles))
+    for density, error in (found.reflected, found.reflected_error), (found.transmitted, found.transmitted_error):
+        share = steradians * density
+        expected = np.sqrt(share * (1 - share) / 4000) / steradians
+        np.testing.assert_allclose(error[share > 0], expected[share > 0], rtol=0.01)
+
+
+
 def test_densities_of_single_scattering():
     """A thin slab of albedo 0.05: what leaves straight ahead is the closed form of one collision, within its square."""
     depth, albedo = 0.2, 0.05

@@ -233,7 +233,8 @@ def agreement(medium: Slab, paths: int, rounds: int) -> dict[str, float]:
     q = wavevectors(kernel)
     sums = fresh_sums(medium, q, paths, rounds)
     value, error = correlation(sums)
-    bright, bright_error = float(np.log(sums[:, -1].sum())), float(jackknife(sums[:, -1], np.log)[1])
+    parts = np.stack([sums[:, -1], np.full(len(sums), 1 / len(sums))], axis=1)
+    bright, bright_error = map(float, jackknife(parts, lambda total: np.log(total[0] / total[1])))
     difference = np.abs(kernel(q) ** 2 - value)
     light = abs(float(np.log(kernel.weights.sum())) - bright)
     return {
@@ -260,20 +261,22 @@ def test_bins_of_estimates_lose_nothing(medium):
     "medium",
     [
         slab(1.3, 0.2), slab(4.5, 0.9), slab(9.0, 0.85, 0.995), slab(12.0, 0.0), slab(7.0, 0.994),
-        slab(4.0, 0.988, 0.99),
+        slab(4.0, 0.988, 0.99), slab(4.0, 0.9, 0.9),
         fog(1.7, 0.3), fog(4.5, 0.9), fog(9.0, 0.85, 0.995), fog(12.0, 0.1), fog(7.0, 0.994), fog(3.0, 0.9985),
     ],
 )  # fmt: skip
 def test_agrees_with_new_paths(medium):
     """Within the stated bound, and the errors of the new paths."""
-    found = agreement(medium, 150_000, 1)
+    found = agreement(medium, 150_000, 1 if medium.albedo > 0.95 else 5)
     assert found["bound"] <= 0.02
     assert found["z"] < 5.4, found  # Student's t, 63 degrees, 1e-6
     assert found["light_z"] < 5.4, found
 
 
 def test_agreement_has_power():
-    """A g wrong by 0.03 is caught."""
+    """A g wrong by 0.03 is caught, and light that is off by 2 %."""
+    found = agreement(slab(4.0, 0.9, 0.9), 150_000, 5)
+    assert (0.02 - found["light"] - found["light_bound"]) / found["light_error"] > 5.4
     wrong, right = served(slab(4.5, 0.87)), slab(4.5, 0.9)
     q = wavevectors(wrong)
     value, error = correlation(fresh_sums(right, q, 150_000, 1))

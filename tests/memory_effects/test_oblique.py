@@ -11,7 +11,8 @@ import specklegen as sg
 from specklegen.core.statistics import jackknife
 from specklegen.memory_effects.cached import medium_seed
 from specklegen.memory_effects.correlation import estimate_correlation
-from specklegen.memory_effects.oblique import estimate_oblique_correlation, face_to_face
+from specklegen.memory_effects.film import FilmCorrelation
+from specklegen.memory_effects.oblique import ObliqueCorrelation, estimate_oblique_correlation, face_to_face
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.proposal import beam_proposal
 from specklegen.paths.slab_tracer import trace
@@ -28,6 +29,23 @@ HALF = {0.9: 62, 0.0: 24}  # pixels of PITCH in a tilt of half a memory-effect r
 
 
 slab = partial(slab_of_depth, g=0.9, thickness=THICKNESS)
+
+
+def test_matrices_are_the_sums_of_their_definition():
+    """Over the connections, signs included: of lights, and of lights and instants together."""
+    rng = np.random.default_rng(1)
+    ways = ObliqueCorrelation(
+        rng.normal(size=(5, 2)), rng.random(5), np.arange(5), 5, transfer=rng.random(5), doppler=rng.normal(size=5)
+    )
+    sines, times, law = 0.2 * rng.normal(size=(3, 2)), np.array([0.0, 0.3, 0.7]), sg.Brownian(diffusion=0.4 / K**2)
+    apart, later = sines[:, None] - sines, times[:, None] - times
+    tilted = np.exp(-1j * K * (apart @ ways.displacement.T))
+    share = ways.weights / ways.weights.sum()
+    np.testing.assert_allclose(ways.matrix(sines, K), tilted @ share, rtol=1e-12)
+    faded = np.exp(1j * K * later[..., None] * ways.doppler - 2 * 0.4 * np.abs(later)[..., None] * ways.transfer)
+    for axial in (False, True):  # with directions of flow R has one, too
+        film = FilmCorrelation(ways, law, times, axial, ways.doppler)
+        np.testing.assert_allclose(film.matrix(sines, K), (tilted * faded) @ share, rtol=1e-9)
 
 
 def oblique(view: float, tilt: float = 0.0, *, g: float = 0.9, side="transmission", shape=(16, 96)) -> sg.Scene:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scenes import slab as slab_of_depth
+from scipy.integrate import trapezoid
 from zscore import assert_z
 
 import specklegen as sg
@@ -320,8 +321,26 @@ def test_exposures_of_a_channel():
     lags = np.linspace(0, 0.4, 81)
     found = sg.temporal_correlation(medium, wavelength=WAVELENGTH, lags=lags, channel="co", paths=4000)
     u = found.lags / 0.4
-    by_curve = 2 * np.trapezoid((1 - u) * np.square(np.abs(found.field)), u)
+    by_curve = 2 * trapezoid((1 - u) * np.square(np.abs(found.field)), u)
     assert found.contrast([0.4]).squared[0] == pytest.approx(by_curve, rel=0.02)  # bias of a square, and of 81 points
+
+
+def test_of_what_changes_nothing_the_intensity_is_that_of_malus():
+    """Of the matrix 1: |a^+ e|^2 of any field e behind an analyser that passes a, and |e|^2 without one."""
+    nothing = sg.MuellerMatrix(np.eye(4), np.zeros((4, 4)), 1.0, 0.0, 1.0, 0.0, 1, False)  # noqa: FBT003
+    for light, seen in ([1, 0], [0.6, 0.8]), ([1, 1j], [0.6, 0.8j]), ([0.3, 0.5j], [1, 1]):
+        field, passed = np.array(light), np.array(seen)
+        assert nothing.intensity(field) == pytest.approx(np.vdot(field, field).real)
+        assert nothing.intensity(field, passed) == pytest.approx(abs(np.vdot(passed, field)) ** 2)
+
+
+def test_a_while_later_each_connection_has_lost_by_its_momentum_transfer():
+    """e^(-2 x Y), of three connections in three batches."""
+    radius, transfer = np.array([0.0, 2.0, 5.0]), np.array([0.0, 0.3, 2.0])
+    light = polarised.AxialLight(radius, np.ones((1, 1, 3, 3)), np.arange(3), 3, 0.0, transfer)
+    for q in (0.0, 0.4):
+        left = light.sums(q, 0.7) / light.sums(q)
+        np.testing.assert_allclose(left.ravel(), np.exp(-2 * 0.7 * transfer), rtol=1e-12)
 
 
 # ---- Coherent backscattering ----------------------------------------------------------------------------

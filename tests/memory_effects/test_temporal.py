@@ -7,6 +7,8 @@ from zscore import assert_z
 import specklegen as sg
 from specklegen.core.errors import RuleError
 from specklegen.memory_effects import temporal
+from specklegen.memory_effects.exposure import LightPaths, light_classes
+from specklegen.memory_effects.moving import MovingCorrelation
 from specklegen.oracles.adding_doubling import adding_doubling
 from specklegen.oracles.multi_slice import multi_slice
 
@@ -296,6 +298,28 @@ def test_waves_through_slices_agree_over_all_views():
 
 # K^2 of exposures T / tau0 = .001, .01, .05, .2, 1 by another program, within half a per cent.
 BLUR = np.array([0.001, 0.01, 0.05, 0.2, 1.0]), np.array([0.9246, 0.5430, 0.1835, 0.0516, 0.0107])
+
+
+def test_light_path_by_path_and_in_classes_is_one():
+    """Of particles that rest but for random motion; classes are right to 2e-6."""
+    rng, batch = np.random.default_rng(0), np.arange(3000) % 30
+    weights, transfer, motion = rng.random(3000), rng.exponential(size=3000), sg.Brownian(diffusion=1.0)
+    times = np.array([0.0, 0.2, 2.0]) / K**2
+    classes = light_classes(weights, transfer, batch, 30, motion, WAVELENGTH)
+    paths = LightPaths(weights, transfer, np.zeros(3000), batch, 30, motion, WAVELENGTH)
+    exact = np.array([weights @ np.exp(-2 * x * transfer) for x in (0.0, 0.2, 2.0)])
+    np.testing.assert_allclose(paths.fields("times", times).sum(axis=0), exact, rtol=1e-12)
+    np.testing.assert_allclose(classes.fields("times", times).sum(axis=0), exact, atol=2e-6 * exact[0])
+
+
+def test_a_moving_correlation_falls_by_its_definition():
+    """K(q, x) = E[w J0(q r) e^(-2 x Y)], a share of .2 at rest; 1 / e of the rest at x = 1 / (2 Y)."""
+    moving = MovingCorrelation(np.array([0.0, 2.0]), np.array([0.0, 0.5]), np.array([[0.1, 0.3], [0.1, 0.5]]))
+    x = np.array([0.0, 0.3, 4.0])
+    np.testing.assert_allclose(moving.field(x), 0.2 + 0.8 * np.exp(-x), rtol=1e-12)
+    np.testing.assert_allclose(moving.shares(x), np.stack([0.1 + 0.3 * np.exp(-x), 0.1 + 0.5 * np.exp(-x)], 1))
+    assert moving.static_share == pytest.approx(0.2)
+    assert moving.decay(0.2 + 0.8 / np.e) == pytest.approx(1.0)
 
 
 def test_contrast_of_exposures_as_another_program_has_it():

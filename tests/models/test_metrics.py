@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from scipy.stats import binom
+from scipy.stats import binom, norm
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from specklegen.models import metrics
@@ -142,6 +142,14 @@ def test_intervals_over_media_cover_the_truth():
     """Of 400 intervals at 90 %, within a two-sided binomial bound at 1e-6; 1.5 % is what a bootstrap of 40 lacks."""
     count = coverage(400, by_medium=True)
     assert binom.ppf(5e-7, 400, 0.9 - 0.015) <= count <= binom.ppf(1 - 5e-7, 400, 0.9)
+
+
+def test_both_ends_leave_out_as_much():
+    """Of values that lie evenly about 0: 5 % at either end, which 4.5 % would move by 2.7 %."""
+    values = norm.ppf((np.arange(40) + 0.5) / 40)
+    found = metrics.bootstrap(values, np.arange(40), confidence=0.9, resamples=100_000)
+    reach = norm.isf(0.05) * values.std() / np.sqrt(40)
+    np.testing.assert_allclose([-found.low, found.high], reach, rtol=0.02)
 
 
 def test_intervals_over_images_do_not():

@@ -440,6 +440,7 @@ def test_the_mean_crosses_both_faces():
     np.testing.assert_allclose(mean_field(where)[1, 1] / mean_field(plain)[1, 1], 1 - r[1], rtol=1e-12)
     assert ballistic_fraction(where) == pytest.approx(np.exp(-4) * (1 - r[0]) ** 2)
     assert straight_through(plain.slab) == np.exp(-4)
+    assert straight_through(medium) == pytest.approx(np.exp(-4) * (1 - r[0]) ** 2)
 
 
 def test_reflections_are_followed_until_little_is_left():

@@ -41,6 +41,9 @@ def test_moments_by_hand():
     assert found.contributions == pytest.approx(100 / moments.concentration)
     assert found.kurtosis_excess == pytest.approx((2 * 0.5 - 14 / 12) / 100)
     assert found.enough
+    assert moments.image_variance == pytest.approx(0.5 + 0.5 + 1 - 14 / 12)
+    assert (moments.paths_for(0.1), moments.paths_for(0.1, within_image=True)) == (50, 84)
+    assert PathMoments(0.5, 1.5, 4.0).stated() == PathMoments(0.75, 2.25, 4.0)  # by one standard error
 
 
 def test_explain_says_whether_the_paths_are_enough():

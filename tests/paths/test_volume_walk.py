@@ -7,6 +7,8 @@ import pytest
 from zscore import assert_z
 
 import specklegen as sg
+from specklegen.core.random_streams import Stream
+from specklegen.paths.endpoint_factors import contributions_of_pairs
 from specklegen.paths.pilot import mean_intensity
 from specklegen.paths.tracer import volume_tracer
 
@@ -42,6 +44,13 @@ def intensity(tracer, seed, paths=6000):
 def assert_same_light(one, other):
     (value, error), (second, second_error) = intensity(one, 1), intensity(other, 2)
     assert_z(value, second, np.hypot(error, second_error))
+
+
+def test_the_mean_intensity_is_that_of_its_paths():
+    tracer, count = tracer_of(box(FOG)), 500
+    bank = tracer.trace(7, count, stream=Stream.PILOT, threads=1)
+    lit = np.bincount(bank.paths, contributions_of_pairs(tracer.layout, bank).mean(axis=(0, 1)), count)
+    np.testing.assert_allclose(intensity(tracer, 7, count), [lit.mean(), lit.std() / np.sqrt(count)], rtol=1e-9)
 
 
 @pytest.mark.parametrize("reverse", [False, True])

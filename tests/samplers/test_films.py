@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from zscore import assert_z
+from zscore import assert_mean, assert_z
 
 import specklegen as sg
 from specklegen.core.statistics import jackknife
 from specklegen.kernels.displacements import COLUMNS, add_step
 from specklegen.memory_effects.film import FilmCorrelation, causal_root
 from specklegen.memory_effects.oblique import ObliqueCorrelation
+from specklegen.paths.displacements import film_roots, frames
+from specklegen.paths.tracer import scene_tracer
 from specklegen.planning.planning import Options, planned
 
 K = 2 * np.pi
@@ -250,6 +252,20 @@ def test_steps_are_normal_and_addressed():
     some = np.zeros((10, COLUMNS))
     add_step(1, 2, 0, orders[:10], paths[50:60], 2.0, some)
     np.testing.assert_array_equal(some, out[50:60])
+
+
+def test_ends_move_by_the_law():
+    """Both ends by 2 x along each axis, and what is between them by 4 x Y; 5 % less would be seen."""
+    tracer = scene_tracer(film(), False)
+    bank, roots = tracer.trace(1, 50_000).multiple, film_roots(film())
+    *_, moved = frames(tracer.layout, bank, roots, TIMES, 3, 0)
+    x, turned = TIMES[-1], bank.transfer > 0
+    between = moved.between[turned, None] / np.sqrt(2 * bank.transfer[turned, None])
+    for walked in (moved.first, moved.last, between):
+        squares = np.square(walked).mean(axis=1)
+        assert_mean(squares, 2 * x)
+        with pytest.raises(AssertionError, match="z ="):
+            assert_mean(squares, 1.9 * x)
 
 
 def test_a_plan_tells_of_motion():

@@ -8,6 +8,7 @@ from zscore import assert_z
 import specklegen as sg
 from specklegen.core.errors import RuleError
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
+from specklegen.paths.jones import connection_matrices
 from specklegen.paths.tracer import slab_tracer
 from specklegen.samplers.path_sums.direct import direct_field, path_phases
 
@@ -102,6 +103,14 @@ def test_the_sum_of_paths_is_that_of_their_amplitudes(reverse):
     ones = single_amplitudes(tracer.layout, bank.single) @ phases[0][once]
     many = multiple_amplitudes(tracer.layout, bank.multiple, bidirectional=reverse, reverse=reverse) @ phases[0][~once]
     np.testing.assert_allclose(found.ravel(), (ones + many) / np.sqrt(60), atol=1e-11 * np.abs(found).max())
+    # What a connection passes through the analyser is that of its matrix.
+    polarised, often = tracer.layout.polarised, bank.multiple
+    into, out = polarised.arriving(often, some.lights), polarised.passing(often, some.views)
+    for t, light in enumerate(some.lights):
+        for v, view in enumerate(some.views):
+            matrices = connection_matrices(polarised.ends, often, light, view)
+            passed = polarised.analyser.conj() @ (matrices @ polarised.light).T
+            np.testing.assert_allclose((into[:, t] * out[:, v]).sum(axis=0), passed, atol=1e-12)
 
 
 def test_rendered_light_is_that_of_the_covariance():

@@ -31,6 +31,7 @@ def test_contrasts_know_no_companions():
     """No product of matrices, of which a row has other last bits with others beside it where there is no AVX-512."""
     left = torch.rand(7, 40, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     weights = lag_weights((12, 27))
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0, rtol=1e-12)  # of what rests
     with MatrixProducts() as asked:
         together = contrasts_squared(left, weights)
     assert not asked.shapes

@@ -305,6 +305,8 @@ def test_frames_decorrelate_as_stated():
     with pytest.raises(AssertionError, match="z ="):  # a field taken for an intensity
         assert_mean(found, np.exp(-lag / 3.0))
     assert recipe.sample(0, "train", 0)["parameters"]["correlation_time"] == 3.0
+    kept = recipe.frames_correlation(recipe.prepare(0, "train", 0))
+    np.testing.assert_allclose(kept, np.exp(-np.arange(4) / 3.0), rtol=1e-12)
 
 
 def test_material_regression_has_its_target():

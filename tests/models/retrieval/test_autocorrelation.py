@@ -99,6 +99,15 @@ def test_autocorrelation_is_the_sum_over_pixel_pairs():
         assert found[y, x] == pytest.approx(direct(y, x) - background, abs=1e-13)  # rounding of transforms
 
 
+def test_noise_is_taken_off_the_zero_lag_alone():
+    """Its variance over the squared mean: m / electrons and the square of the readout's."""
+    images = torch.from_numpy(patterns()[:1])
+    noise = 1 / (50 * images.mean()) + (1.5 / 50 / images.mean()) ** 2
+    less = autocorrelation(images, WINDOW) - autocorrelation(images, WINDOW, electrons=50.0, read_noise=1.5)
+    assert less[0, 0].item() == pytest.approx(noise.item(), rel=1e-9)
+    assert less.abs().sum().item() == pytest.approx(noise.item(), rel=1e-9)
+
+
 def test_frames_are_averaged():
     frames = torch.from_numpy(patterns()[:6]).reshape(2, 3, SIDE, SIDE)
     alone = torch.stack([autocorrelation(frame[:, None], WINDOW) for frame in frames.transpose(0, 1)])

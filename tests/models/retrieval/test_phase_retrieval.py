@@ -145,6 +145,7 @@ def test_projections_project():
 
     put_right = with_modulus(pairs, modulus)
     assert float(error(put_right).max()) < 1e-10  # float32 rounding, squared
+    torch.testing.assert_close(error(2 * put_right), torch.ones(3), rtol=1e-5, atol=0)  # of twice the modulus
     torch.testing.assert_close(with_modulus(put_right, modulus), put_right, rtol=0, atol=1e-5)
     better = [error(error_reduction(pairs.clone(), modulus, steps)) for steps in (1, 10, 100)]
     assert (better[0] > better[1]).all()  # error reduction never raises the error (Fienup)

@@ -60,6 +60,8 @@ def test_variance_of_lags_is_bartletts():
     images = np.square(np.abs(np.fft.fft2(field, (period, period))))[:, :side, :side]
     flat = images / images.mean((1, 2), keepdims=True) - 1
     lags = np.fft.irfft2(np.abs(np.fft.rfft2(flat)) ** 2, s=(side, side)) / side**2
+    bartlett = np.square(lags).sum((1, 2)) / 2 / side**2  # squares of sampled lags are twice those of the true ones
+    np.testing.assert_allclose(wiener.lag_variance(torch.from_numpy(images)), bartlett, rtol=1e-9)
     far = lags[:, 12:49:6, 12:49:6].reshape(count, -1)
     ratio = far.var(0, ddof=1).mean() / wiener.lag_variance(torch.from_numpy(images)).mean().item()
     # The variance of a variance is 2 / count, for 49 lags that are nearly independent; the edges wrap, the mean is

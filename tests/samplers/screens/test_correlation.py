@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import specklegen as sg
-from specklegen.samplers.screens.correlation import GATHERED_ERROR, screen_correlation
+from specklegen.samplers.screens.correlation import GATHERED_ERROR, envelope, screen_correlation
+from specklegen.scene.illumination import directions_of_sines
 from specklegen.theory.phase_screens import gathered, lobes, tilt_ways
 
 LAB = sg.ScreenStack(screens=(sg.GroundGlass(angle=0.1), sg.GroundGlass(angle=0.2)), gaps=(700.0,)).stack
@@ -82,3 +83,10 @@ def test_spreads_are_the_variances_of_their_definition(stack, far):
         np.testing.assert_allclose(mean[:, n], middle, rtol=1e-12)
         literal = (terms.events[n][:, None] * np.square(ways - middle[:, None])).sum((1, 2))
         np.testing.assert_allclose(variance[:, n], literal, rtol=1e-9, atol=1e-10 * terms.variances[n])
+
+
+def test_straight_on_a_beam_has_the_root_of_its_cosine():
+    """Of the power through the face, as the mean field has it; the envelope is that of the lobe's middle."""
+    beams = directions_of_sines("beams", np.array([[0.0, 0.0], [0.6, 0.0], [0.0, -0.8]]))
+    found = np.abs(envelope(MANY, 0.532, beams, beams[None]).direct[:, 0])
+    np.testing.assert_allclose(found.diagonal(), np.sqrt([1.0, 0.8, 0.6]), rtol=1e-6)

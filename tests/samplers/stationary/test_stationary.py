@@ -22,7 +22,7 @@ from specklegen.synthesis.correlations import Tabulated
 from specklegen.synthesis.exit_grid import cells, sampled_amplitude, stack_axes
 from specklegen.synthesis.gaussian_noise import complex_normals
 from specklegen.synthesis.modes import Lattice, karhunen_loeve
-from specklegen.synthesis.stacks import mean_intensity, stack_sampler
+from specklegen.synthesis.stacks import face_phase, mean_intensity, stack_sampler
 
 THICKNESS, WAVELENGTH = 1000.0, 0.5
 K = 2 * np.pi / WAVELENGTH
@@ -195,6 +195,16 @@ def test_the_cheaper_form_is_chosen_and_results_are_pure():
     torch.set_num_threads(1)
     assert torch.equal(two, sampler.sample(1, 5))
     torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize("side", ["transmission", "reflection"])
+def test_phases_are_those_of_the_face(side):
+    """k f (c_z - v_z) of a view v against the middle one c, by the sines themselves."""
+    grid = sg.FarField.grid(shape=(5, 7), pitch=0.01, center=(0.1, -0.2), side=side)
+    x, y = grid.sines
+    cosines = grid.sign * np.sqrt(1 - np.square(x) - np.square(y)[:, None])
+    expected = K * THICKNESS * (cosines[2, 3] - cosines)
+    np.testing.assert_allclose(face_phase(THICKNESS, K, grid), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 def test_cells_hold_every_view_and_the_window():
