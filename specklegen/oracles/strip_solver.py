@@ -53,12 +53,6 @@ class StripSolution:
             u[first : first + rows] += 0.25j * hankel1(0, k * np.hypot(some[..., 0], some[..., 1])) @ self.charges
         return u
 
-    @property
-    def extinguished(self) -> float:
-        """Power that the strips take out of the light, a length: -sqrt(8 pi / k) Re g(d), the optical theorem."""
-        k = 2 * np.pi / self.wavelength
-        return float(-np.sqrt(8 * np.pi / k) * self.far_field(self.direction[None])[0].real)
-
     def far_field(self, directions: np.ndarray) -> np.ndarray:
         """Amplitude g complex128[V] of u - u_inc -> g e^{i(kr - pi/4)} / sqrt(r) along unit vectors float64[V, 2]."""
         k, nodes = 2 * np.pi / self.wavelength, np.concatenate([s.points for s in self.strips])

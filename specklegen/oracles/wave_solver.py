@@ -131,25 +131,12 @@ class Scattered:
             field[:, within] = total - self.light.field(k, points[within])
         return field
 
-    def total_field(self, points: np.ndarray) -> np.ndarray:
-        """Incident plus scattered field, complex128[L, P], at float64[P, 2]."""
-        points = _planar("points", points)
-        return self.light.field(self.cylinder.wavenumber, points) + self.near_field(points)
-
     def _inside(self, offset: np.ndarray, centre: np.ndarray) -> np.ndarray:
         """Total field at an offset float64[P, 2] from the centres of the given numbers int[P], complex128[L, P]."""
         n = self.cylinder.orders[:, None]
         r = np.hypot(*offset.T)
         regular = jv(n, self.cylinder.index * self.cylinder.wavenumber * r) * np.exp(1j * n * np.arctan2(*offset.T))
         return np.einsum("lnp,np->lp", self.waves[:, :, centre] * self.cylinder.inner[:, None], regular)
-
-    def scattered_power(self) -> np.ndarray:
-        """Integral of |u|^2 over all directions, float64[L]: exact, since u has finitely many harmonics to rounding."""
-        k = self.cylinder.wavenumber
-        extent = np.ptp(self.centres, axis=0).max() if len(self.centres) else 0.0
-        harmonics = k * extent + 6 * np.cbrt(k * extent) + 2 * self.cylinder.order + 20
-        views = directions_of(np.linspace(0, 2 * np.pi, 2 * int(harmonics), endpoint=False))
-        return np.sum(np.abs(self.far_field(views)) ** 2, axis=1) * (2 * np.pi / len(views))
 
     def extinction(self) -> np.ndarray:
         """Power taken from each light, float64[L], from the work that it does on every cylinder.

@@ -4,10 +4,10 @@ import re
 
 import numpy as np
 import pytest
+from references.rayleigh_sommerfeld import propagated_field
 from scipy.special import j0, j1
 
 import specklegen as sg
-from specklegen.oracles.rayleigh_sommerfeld import propagated_field
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.far_field import overlap
 from specklegen.paths.focused_light import entrance_factors, focus_loss

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from references.rayleigh_sommerfeld import propagated_field
 from scipy.special import erfc, j1
 
 import specklegen as sg
 from specklegen.core.statistics import jackknife
 from specklegen.instrument.lens import Lens
-from specklegen.oracles.rayleigh_sommerfeld import propagated_field
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.layout import scene_layout
 from specklegen.paths.lit_plane import lens_of, lit_plane

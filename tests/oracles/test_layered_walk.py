@@ -1,10 +1,10 @@
 """The literal walk through layers against published figures, and against adding."""
 
 import pytest
+from references.layered_walk import walk_layers
 from zscore import assert_mean
 
 from specklegen.oracles.adding_doubling import layered_light
-from specklegen.oracles.layered_walk import walk_layers
 
 
 def layer(thickness: float, absorption: float, scattering: float, g: float, index: float) -> tuple:

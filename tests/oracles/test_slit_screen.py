@@ -63,7 +63,7 @@ def test_wide_slit_is_two_half_planes():
     That wave is 1/sqrt(2 pi k 50) = .023 for each way of a soft edge, and of order (k 50)^(-3/2) = 2e-4 for a hard one,
     whose wave along the screen cancels at normal incidence.
     """
-    from specklegen.oracles.wedge_series import half_plane
+    from references.wedge_series import half_plane
 
     width, at = 50.0, np.array([[0.7, 2.0], [-1.0, 1.5]])
     for boundary, tolerance in (("hard", 1e-3), ("soft", 0.046)):

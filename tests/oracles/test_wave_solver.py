@@ -34,6 +34,19 @@ def clear_points(centres, radius, number=4):
     return points[np.linalg.norm(points[:, None] - centres, axis=2).min(axis=1) > 1.1 * radius][:number]
 
 
+def total_field(solved, points):
+    """Incident plus scattered field, complex128[L, P]."""
+    return solved.light.field(solved.cylinder.wavenumber, points) + solved.near_field(points)
+
+
+def scattered_power(solved):
+    """Integral of |u|^2 over all directions, float64[L]: exact, since u has finitely many harmonics to rounding."""
+    extent = solved.cylinder.wavenumber * (np.ptp(solved.centres, axis=0).max() if len(solved.centres) else 0.0)
+    count = 2 * int(extent + 6 * np.cbrt(extent) + 2 * solved.cylinder.order + 20)
+    views = directions_of(np.linspace(0, 2 * np.pi, count, endpoint=False))
+    return np.sum(np.abs(solved.far_field(views)) ** 2, axis=1) * (2 * np.pi / count)
+
+
 @pytest.fixture(scope="module")
 def oracle():
     return np.load(DATA / "wave_solver_2d_od2.npz")
@@ -104,10 +117,10 @@ def test_energy_and_optical_theorem(radius, index, order):
     k = cylinder.wavenumber
     for light in (PlaneLights(TURNS), LineSources(clear_points(centres, radius))):
         solved = scatter(cylinder, centres, light)
-        assert solved.extinction() == pytest.approx(solved.scattered_power(), rel=ROUNDING)
+        assert solved.extinction() == pytest.approx(scattered_power(solved), rel=ROUNDING)
     forward = np.diag(scatter(cylinder, centres, PlaneLights(TURNS)).far_field(TURNS))
     theorem = -np.sqrt(8 * np.pi / k) * (np.exp(0.25j * np.pi) * forward).real
-    assert theorem == pytest.approx(scatter(cylinder, centres, PlaneLights(TURNS)).scattered_power(), rel=ROUNDING)
+    assert theorem == pytest.approx(scattered_power(scatter(cylinder, centres, PlaneLights(TURNS))), rel=ROUNDING)
 
 
 @pytest.mark.parametrize(("radius", "index", "order"), KINDS)
@@ -145,7 +158,7 @@ def test_field_is_continuous_through_a_surface():
     step, jumps = 1e-4 * radius, []
     for order in (1, 3, 5, 7):
         solved = scatter(Cylinder(radius, 1.8, order=order), centres, PlaneLights(TURNS))
-        at = lambda f, s=solved: s.total_field(centres[3] + (radius + f * step) * normal)  # noqa: E731
+        at = lambda f, s=solved: total_field(s, centres[3] + (radius + f * step) * normal)  # noqa: E731
         value = np.abs(at(1e-6) - at(-1e-6)).max()
         slope = np.abs(at(2) - 2 * at(1) + 2 * at(-1) - at(-2)).max() / step  # second order, curvature jumps alone
         jumps.append((value, slope))
@@ -168,9 +181,9 @@ def test_nothing_scatters_nothing():
     solved = scatter(Cylinder(0.1, 1.8), np.zeros((0, 2)), PlaneLights(TURNS))
     assert not solved.far_field(TURNS).any()
     assert not solved.near_field(TURNS).any()
-    assert not solved.scattered_power().any()
+    assert not scattered_power(solved).any()
     assert solved.far_field(np.zeros((0, 2))).shape == (4, 0)
-    assert np.allclose(solved.total_field(TURNS), PlaneLights(TURNS).field(2 * np.pi, TURNS), rtol=1e-15)
+    assert np.allclose(total_field(solved, TURNS), PlaneLights(TURNS).field(2 * np.pi, TURNS), rtol=1e-15)
 
 
 def test_bad_input_is_refused():
@@ -200,4 +213,4 @@ def test_three_thousand_monopoles():
         first, _ = np.triu_indices(keep.sum(), 1)
         keep[np.flatnonzero(keep)[first[d]]] = False
     solved = scatter(cylinder, centres[keep], PlaneLights(TURNS))
-    assert solved.extinction() == pytest.approx(solved.scattered_power(), rel=1e-11)
+    assert solved.extinction() == pytest.approx(scattered_power(solved), rel=1e-11)

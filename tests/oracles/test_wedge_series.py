@@ -2,10 +2,7 @@
 
 import mpmath
 import numpy as np
-import pytest
-
-from specklegen.core.errors import RuleError
-from specklegen.oracles.wedge_series import half_plane, transition_function, wedge_series
+from references.wedge_series import half_plane, transition_function, wedge_series
 
 K = 2 * np.pi
 
@@ -61,10 +58,3 @@ def exact_transition(x):
         z = mpmath.exp(1j * mpmath.pi / 4) * root
         w = mpmath.exp(-z * z) * mpmath.erfc(-1j * z)
         return complex(mpmath.sqrt(mpmath.pi) * root * mpmath.exp(-1j * mpmath.pi / 4) * w)
-
-
-def test_bad_input_is_refused():
-    with pytest.raises(RuleError, match="between 0.5 and 2"):
-        wedge_series(2.5, 1.0, 1.0, 1.0, K, "soft")
-    with pytest.raises(RuleError, match="'soft' or 'hard'"):
-        half_plane(1.0, 1.0, 1.0, K, "tm")

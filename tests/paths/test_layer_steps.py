@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from references.layered_walk import BATCHES, walk_layers
 from zscore import assert_mean, assert_z
 
 import specklegen as sg
@@ -10,7 +11,6 @@ from specklegen.kernels import analog_walk as kernels
 from specklegen.kernels import refraction
 from specklegen.kernels.fresnel import fresnel
 from specklegen.memory_effects.oblique import estimate_oblique_correlation
-from specklegen.oracles.layered_walk import BATCHES, walk_layers
 from specklegen.paths import analog_walk
 from specklegen.paths.analog_walk import axial_light
 from specklegen.paths.steps import optics, unscattered

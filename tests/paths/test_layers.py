@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from references.layered_walk import BATCHES, walk_layers
 from zscore import assert_mean, assert_z
 
 import specklegen as sg
 from specklegen.oracles.adding_doubling import layered_light
-from specklegen.oracles.layered_walk import BATCHES, walk_layers
 from specklegen.paths.analog_walk import transmittance
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.tracer import plane_tracer, scene_tracer

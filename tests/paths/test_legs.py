@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from references.layered_walk import BATCHES, walk_layers
 from zscore import assert_z
 
 import specklegen as sg
 from specklegen.core.statistics import jackknife
 from specklegen.kernels import legs as columns
 from specklegen.memory_effects import curve
-from specklegen.oracles.layered_walk import BATCHES, walk_layers
 from specklegen.paths import legs
 from specklegen.paths.endpoint_factors import contributions, multiple_amplitudes
 from specklegen.paths.steps import optics, straight_light

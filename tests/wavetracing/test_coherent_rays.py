@@ -4,12 +4,12 @@ import warnings
 
 import numpy as np
 import pytest
+from references.wedge_series import wedge_series
 from scipy.spatial.transform import Rotation
 from wavetracing.solids import box
 
 from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.oracles.strip_solver import strip_solver
-from specklegen.oracles.wedge_series import wedge_series
 from specklegen.wavetracing import Geometry, Mesh, PointEmitter, coherent_rays, wedge_field
 
 AIR = Geometry(Mesh(np.empty((0, 3)), np.empty((0, 3), int)))

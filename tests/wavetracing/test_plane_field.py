@@ -4,9 +4,9 @@ import warnings
 
 import numpy as np
 import pytest
+from references.rayleigh_sommerfeld import disc_axis, surface_field
 
 from specklegen.core.errors import DoubtWarning, RuleError
-from specklegen.oracles.rayleigh_sommerfeld import disc_axis, surface_field
 from specklegen.oracles.slit_screen import slit_screen
 from specklegen.wavetracing import (
     Plane,

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from references.wedge_series import half_plane, wedge_series
 from wavetracing.screens import FAR, OUTLINE, screen, slit
 from wavetracing.solids import box, soup, sphere
 from zscore import assert_z
 
 from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.oracles.slit_screen import slit_screen
-from specklegen.oracles.wedge_series import half_plane, wedge_series
 from specklegen.wavetracing import (
     Absorber,
     CollimatedEmitter,

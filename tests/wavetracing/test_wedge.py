@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from references.wedge_series import half_plane, transition_function, wedge_series
 from scipy.special import fresnel
 
 from specklegen.core.errors import RuleError
 from specklegen.kernels import kernel
-from specklegen.oracles.wedge_series import half_plane, transition_function, wedge_series
 from specklegen.wavetracing import lossy_wedge_field, wedge_coefficients, wedge_field
 from specklegen.wavetracing.kernels.wedges import transition
 from specklegen.wavetracing.wedge import geometric_shares

@@ -5,6 +5,7 @@ Judged by slabs behind faces, and by a literal walk.
 
 import numpy as np
 import pytest
+from references.layered_walk import BATCHES, walk_layers
 from scipy.special import j0
 from zscore import assert_mean, assert_z
 
@@ -12,7 +13,6 @@ import specklegen as sg
 from specklegen.mean.field import straight_through
 from specklegen.memory_effects import correlation as correlation_module
 from specklegen.memory_effects.cached import estimated_anew
-from specklegen.oracles.layered_walk import BATCHES, walk_layers
 from specklegen.paths.phases import random_phases
 from specklegen.paths.steps import optics, straight_light, unscattered
 from specklegen.paths.tracer import slab_tracer

@@ -12,7 +12,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from specklegen.core.errors import reject
 from specklegen.core.quadrature import gauss_legendre
 
 
@@ -30,8 +29,6 @@ def surface_field(
     more.
     """
     triangles, points = np.asarray(triangles, float), np.asarray(points, float)
-    if points.ndim != 2 or points.shape[1] != 3 or not (points[:, 2] > 0).all():
-        reject("surface_field points", "of shape (P, 3) with z > 0", points)
     x, w = gauss_legendre(order)
     s, w = (x + 1) / 2, w / 2
     a, b = (grid.ravel() for grid in np.meshgrid(s, s, indexing="ij"))
@@ -57,8 +54,6 @@ def propagated_field(
     dark: exact to the digits that it has where the grid resolves field and kernel together.
     """
     field, points = np.asarray(field), np.asarray(points, float)
-    if points.ndim != 2 or points.shape[1] != 3 or not (points[:, 2] > 0).all():
-        reject("propagated_field points", "of shape (P, 3) with z > 0", points)
     k, cell = 2 * np.pi / wavelength, (x[1] - x[0]) * (y[1] - y[0])
     propagated = np.empty(len(points), complex)
     for n, (px, py, z) in enumerate(points):
