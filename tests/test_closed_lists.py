@@ -21,15 +21,12 @@ def names_of(function, argument):
     return get_args(get_args(hint)[0] if not isinstance(get_args(hint)[0], str) else hint)
 
 
-@pytest.mark.parametrize(
-    ("one", "other"),
-    [
-        (get_args(SplitName), tuple(SPLITS)), (get_args(get_args(recipe_options.Split)[0]), tuple(SPLITS)),
-        (get_args(curve.Mode), SIDES), (names_of(scenes.memory_effect_command, "mode"), SIDES),
-        (names_of(stores.export, "format"), names_of(export, "format")),
-        (get_args(material.SplitRanges.model_fields["parameter"].annotation), material._PARAMETERS),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("one", "other"), [
+    (get_args(SplitName), tuple(SPLITS)), (get_args(get_args(recipe_options.Split)[0]), tuple(SPLITS)),
+    (get_args(curve.Mode), SIDES), (names_of(scenes.memory_effect_command, "mode"), SIDES),
+    (names_of(stores.export, "format"), names_of(export, "format")),
+    (get_args(material.SplitRanges.model_fields["parameter"].annotation), material._PARAMETERS),
+])  # fmt: skip
 def test_they_are_one_list(one, other):
     assert one
     assert one == other

@@ -44,12 +44,10 @@ def said(act, text: str, times: int = 1):
     return result
 
 
-@pytest.mark.parametrize(
-    ("setting", "kernels", "pilots"),
-    [("/else", "/else/kernels", "/else/pilots"), ("off", None, None), ("kernels:/else", "/else/kernels", None),
-     ("", "/.cache/specklegen/kernels", "/.cache/specklegen/pilots"),
-     ("kernels:", "/.cache/specklegen/kernels", None)],
-)  # fmt: skip
+@pytest.mark.parametrize(("setting", "kernels", "pilots"), [
+    ("/else", "/else/kernels", "/else/pilots"), ("off", None, None), ("kernels:/else", "/else/kernels", None),
+    ("", "/.cache/specklegen/kernels", "/.cache/specklegen/pilots"), ("kernels:", "/.cache/specklegen/kernels", None),
+])  # fmt: skip
 def test_one_setting_moves_the_cache_or_switches_it_off(monkeypatch, setting, kernels, pilots):
     monkeypatch.setenv("SPECKLEGEN_CACHE", setting)
     monkeypatch.setattr("platformdirs.user_cache_dir", lambda name: f"/.cache/{name}")
@@ -158,17 +156,14 @@ def test_the_administrators_cache_is_read_in_silence(root, monkeypatch):
 # Who may have written
 
 
-@pytest.mark.parametrize(
-    ("kind", "owner", "mode", "reason"),
-    [
-        ("DIR", 7, 0o700, None), ("DIR", 7, 0o755, None), ("REG", 7, 0o644, None), ("DIR", 0, 0o755, None),
-        ("DIR", 0, 0o1777, None), ("LNK", 7, 0o777, None), ("LNK", BOB, 0o777, "belongs to another user"),
-        ("DIR", BOB, 0o755, "belongs to another user"), ("DIR", BOB, 0o1777, "belongs to another user"),
-        ("REG", BOB, 0o644, "belongs to another user"), ("DIR", 7, 0o777, "can be written by other users"),
-        ("DIR", 7, 0o775, "can be written by other users"), ("DIR", 0, 0o777, "can be written by other users"),
-        ("REG", 7, 0o1666, "can be written by other users"), ("REG", 7, 0o664, "can be written by other users"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("kind", "owner", "mode", "reason"), [
+    ("DIR", 7, 0o700, None), ("DIR", 7, 0o755, None), ("REG", 7, 0o644, None), ("DIR", 0, 0o755, None),
+    ("DIR", 0, 0o1777, None), ("LNK", 7, 0o777, None), ("LNK", BOB, 0o777, "belongs to another user"),
+    ("DIR", BOB, 0o755, "belongs to another user"), ("DIR", BOB, 0o1777, "belongs to another user"),
+    ("REG", BOB, 0o644, "belongs to another user"), ("DIR", 7, 0o777, "can be written by other users"),
+    ("DIR", 7, 0o775, "can be written by other users"), ("DIR", 0, 0o777, "can be written by other users"),
+    ("REG", 7, 0o1666, "can be written by other users"), ("REG", 7, 0o664, "can be written by other users"),
+])  # fmt: skip
 def test_only_this_user_and_the_administrator_are_trusted(monkeypatch, kind, owner, mode, reason):
     monkeypatch.setattr(os, "getuid", lambda: 7)
     status = SimpleNamespace(st_uid=owner, st_gid=70, st_mode=getattr(stat, f"S_IF{kind}") | mode)
@@ -178,11 +173,10 @@ def test_only_this_user_and_the_administrator_are_trusted(monkeypatch, kind, own
     assert disk_cache._suspicion(status) == (None if mode & 0o002 == 0 and owner == 7 else reason)
 
 
-@pytest.mark.parametrize(
-    ("name", "number", "members", "private"),
-    [("ann", 70, [], True), ("ann", 70, ["ann"], True), ("ann", 70, ["bob"], False), ("staff", 70, [], False),
-     ("ann", 71, [], False)],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "number", "members", "private"), [
+    ("ann", 70, [], True), ("ann", 70, ["ann"], True), ("ann", 70, ["bob"], False), ("staff", 70, [], False),
+    ("ann", 71, [], False),
+])  # fmt: skip
 def test_a_group_is_private_that_has_its_users_name_and_no_other_member(monkeypatch, name, number, members, private):
     monkeypatch.setattr("pwd.getpwuid", lambda _: SimpleNamespace(pw_name="ann", pw_gid=70))
     monkeypatch.setattr("grp.getgrgid", lambda _: SimpleNamespace(gr_name=name, gr_mem=members))
@@ -228,10 +222,9 @@ def writable(root, kind):
 
 
 @pytest.mark.parametrize("kind", LIMITS)
-@pytest.mark.parametrize(
-    "change",
-    [opened, linked, writable, pytest.param(given_away, marks=AS_ROOT), pytest.param(given_away_above, marks=AS_ROOT)],
-)
+@pytest.mark.parametrize("change", [
+    opened, linked, writable, pytest.param(given_away, marks=AS_ROOT), pytest.param(given_away_above, marks=AS_ROOT),
+])  # fmt: skip
 def test_what_others_could_have_put_there_is_not_read(root, change, kind):
     """Also where it was checked before: the kernels of another user ran, whose folder took the place of this one."""
     write(kind, "name", b"right")

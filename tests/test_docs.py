@@ -149,14 +149,11 @@ def test_every_sampler_stands_on_the_pages_that_list_them():
         assert "three samplers" not in re.sub(r"\s+", " ", page.read_text()), page
 
 
-@pytest.mark.parametrize(
-    ("page", "registry", "users"),
-    [
-        ("recipes.md", ObjectFamily.registry, "objects.type"), ("extending.md", ObjectFamily.registry, "objects.type"),
-        ("extending.md", KINDS, "kind"), ("extending.md", sg.Sensor.registry, "sensor.type"),
-        ("extending.md", NETWORKS, "network"), ("extending.md", SAMPLERS, "sampler"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("page", "registry", "users"), [
+    ("recipes.md", ObjectFamily.registry, "objects.type"), ("extending.md", ObjectFamily.registry, "objects.type"),
+    ("extending.md", KINDS, "kind"), ("extending.md", sg.Sensor.registry, "sensor.type"),
+    ("extending.md", NETWORKS, "network"), ("extending.md", SAMPLERS, "sampler"),
+])  # fmt: skip
 def test_every_packaged_name_stands_on_its_page(page, registry, users):
     """Of a registry: those of this library, not those that other tests have defined."""
     text = (ROOT / "docs" / page).read_text()
@@ -165,13 +162,10 @@ def test_every_packaged_name_stands_on_its_page(page, registry, users):
     assert [name for name in names if f"`{name}`" not in text] == [], users
 
 
-@pytest.mark.parametrize(
-    ("command", "option", "names"),
-    [
-        ("train", "network", NETWORKS), ("train", "input", [*INPUTS, *FEATURES]), ("train", "target", TARGETS),
-        ("render", "sampler", ["auto", *(kind.name for kind in PACKAGED)]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("command", "option", "names"), [
+    ("train", "network", NETWORKS), ("train", "input", [*INPUTS, *FEATURES]), ("train", "target", TARGETS),
+    ("render", "sampler", ["auto", *(kind.name for kind in PACKAGED)]),
+])  # fmt: skip
 def test_the_help_of_an_option_lists_what_is_known(command, option, names):
     found = {each.name: each for each in get_command(app).commands[command].params}[option].help
     own = [name for name in names if isinstance(names, Registry) and is_own(names[name])]

@@ -80,35 +80,32 @@ def test_a_raw_error_is_noticed():
     assert odd_arguments.raw_error(call, "several", [2]) is None
 
 
-@pytest.mark.parametrize(
-    ("call", "says"),
-    [
-        (lambda: sg.plan(odd_arguments.SCENE, mean=np.ones(2)), "mean must be True or False"),
-        (lambda: sg.plan(odd_arguments.SCENE, mean="no"), "mean must be True or False"),
-        (lambda: sg.plan(odd_arguments.SCENE, sampler=["paths"]), "sampler must be the name of a sampler"),
-        (lambda: sg.plan(odd_arguments.SCENE, threads=2**63), "threads must be at least 1 and at most 4096"),
-        (lambda: sg.plan(odd_arguments.SCENE, paths=10**400), "Budget.paths must be a whole number of fewer digits"),
-        (lambda: sg.render(odd_arguments.SCENE, seconds=np.inf), "Budget.seconds must be between 0 and"),
-        (lambda: sg.render(odd_arguments.SCENE, rel_error=1e-300), "Budget.rel_error must be between 1e-09 and 1"),
-        (lambda: sg.PlaneWaves(directions=np.eye(3) * (1 + 0.5j)), "directions must be an array of real numbers"),
-        (lambda: sg.FarField.angles(np.array([1j])), "FarField.angles must be an array of real numbers"),
-        (lambda: sg.memory_effect(odd_arguments.SLAB, wavelength=np.complex64(1), tilts=[0.0]),
-         "wavelength must be a number"),
-        (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=0, tilts=[0.0]), "wavelength must be"),
-        (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=0.5, tilts=[np.nan]), "tilts must be"),
-        (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=0.5, tilts=[[0.0]]), "tilts must be"),
-        (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=0.5, tilts=[0.0], view=[0.0, 0.0]), "view must be"),
-        (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=1e-300, tilts=[0.0]), "wavelength must be"),
-        (lambda: sg.joint_correlation("x", wavelength=0.5, tilts=[0.0], shifts=[0.0]), "medium must be"),
-        (lambda: sg.covariance(odd_arguments.SCENE, orders=np.ones(4)), "covariance orders must be"),
-        (lambda: sg.covariance(odd_arguments.SCENE, pairs=[1, [2]]), "covariance pairs must be"),
-        (lambda: sg.render_tiles(odd_arguments.SCENE, realization=0.5), "realization must be"),
-        (lambda: sg.render_tiles(odd_arguments.SCENE, sampler=np.ones(4)), "sampler must be"),
-        (lambda: odd_arguments.coherence.sample_fields(torch.ones(3), 3, seed=0), "W0 must be"),
-        (lambda: odd_arguments.coherence.sample_fields(odd_arguments.W0, 3, seed=np.asmatrix([1, 2])),
-         "sample_fields seed must be a whole number"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("call", "says"), [
+    (lambda: sg.plan(odd_arguments.SCENE, mean=np.ones(2)), "mean must be True or False"),
+    (lambda: sg.plan(odd_arguments.SCENE, mean="no"), "mean must be True or False"),
+    (lambda: sg.plan(odd_arguments.SCENE, sampler=["paths"]), "sampler must be the name of a sampler"),
+    (lambda: sg.plan(odd_arguments.SCENE, threads=2**63), "threads must be at least 1 and at most 4096"),
+    (lambda: sg.plan(odd_arguments.SCENE, paths=10**400), "Budget.paths must be a whole number of fewer digits"),
+    (lambda: sg.render(odd_arguments.SCENE, seconds=np.inf), "Budget.seconds must be between 0 and"),
+    (lambda: sg.render(odd_arguments.SCENE, rel_error=1e-300), "Budget.rel_error must be between 1e-09 and 1"),
+    (lambda: sg.PlaneWaves(directions=np.eye(3) * (1 + 0.5j)), "directions must be an array of real numbers"),
+    (lambda: sg.FarField.angles(np.array([1j])), "FarField.angles must be an array of real numbers"),
+    (lambda: sg.memory_effect(odd_arguments.SLAB, wavelength=np.complex64(1), tilts=[0.0]),
+     "wavelength must be a number"),
+    (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=0, tilts=[0.0]), "wavelength must be"),
+    (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=0.5, tilts=[np.nan]), "tilts must be"),
+    (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=0.5, tilts=[[0.0]]), "tilts must be"),
+    (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=0.5, tilts=[0.0], view=[0.0, 0.0]), "view must be"),
+    (lambda: sg.memory_effect(odd_arguments.STACK, wavelength=1e-300, tilts=[0.0]), "wavelength must be"),
+    (lambda: sg.joint_correlation("x", wavelength=0.5, tilts=[0.0], shifts=[0.0]), "medium must be"),
+    (lambda: sg.covariance(odd_arguments.SCENE, orders=np.ones(4)), "covariance orders must be"),
+    (lambda: sg.covariance(odd_arguments.SCENE, pairs=[1, [2]]), "covariance pairs must be"),
+    (lambda: sg.render_tiles(odd_arguments.SCENE, realization=0.5), "realization must be"),
+    (lambda: sg.render_tiles(odd_arguments.SCENE, sampler=np.ones(4)), "sampler must be"),
+    (lambda: odd_arguments.coherence.sample_fields(torch.ones(3), 3, seed=0), "W0 must be"),
+    (lambda: odd_arguments.coherence.sample_fields(odd_arguments.W0, 3, seed=np.asmatrix([1, 2])),
+     "sample_fields seed must be a whole number"),
+])  # fmt: skip
 def test_what_was_silently_wrong_or_ended_the_process_is_refused(call, says):
     """Imaginary parts were thrown away, any text was True, a matrix as a seed ended Python with a fault of memory."""
     with pytest.raises(RuleError, match=says):

@@ -33,12 +33,11 @@ SLAB = sg.Slab(thickness=3.0, mean_free_path=1.0, scatterer=sg.Isotropic(), face
 SCREEN = sg.PhaseScreen(rms_phase=1.0, correlation_length=10.0)
 
 
-@pytest.mark.parametrize(
-    ("medium", "sides", "homogeneous", "dimension", "matched"),
-    [(BOX, True, True, 3, True), (GRID, True, False, 2, True), (SLAB, False, True, None, False),
-     (SCREEN, False, True, 3, True), (sg.GroundGlass(grit=220), False, True, 3, True),
-     (sg.ScreenStack(screens=[SCREEN]), False, True, 3, True)],
-)  # fmt: skip
+@pytest.mark.parametrize(("medium", "sides", "homogeneous", "dimension", "matched"), [
+    (BOX, True, True, 3, True), (GRID, True, False, 2, True), (SLAB, False, True, None, False),
+    (SCREEN, False, True, 3, True), (sg.GroundGlass(grit=220), False, True, 3, True),
+    (sg.ScreenStack(screens=[SCREEN]), False, True, 3, True),
+])  # fmt: skip
 def test_media_say_what_they_are_like(medium, sides, homogeneous, dimension, matched):
     said = medium.has_sides, medium.homogeneous, medium.dimension, medium.faces.matched
     assert said == (sides, homogeneous, dimension, matched)

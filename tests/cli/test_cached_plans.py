@@ -120,14 +120,12 @@ def test_every_packaged_recipe_has_a_name(first_command):
     assert len({name_of_answer(recipe_table(name), None) for name in recipe_names()} - {None}) == len(recipe_names())
 
 
-@pytest.mark.parametrize(
-    "outside",
-    [
-        {"objects": {"type": "Folder", "path": "pictures"}},
-        {"objects": {"type": "Families", "families": [{"type": "Meshes", "path": "meshes"}]}},
-        {"kind": "rings:Rings"}, {"objects": {"type": "shapes/rings:Rings"}},
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("outside", [
+    {"objects": {"type": "Folder", "path": "pictures"}},
+    {"objects": {"type": "Families", "families": [{"type": "Meshes", "path": "meshes"}]}},
+    {"kind": "rings:Rings"},
+    {"objects": {"type": "shapes/rings:Rings"}},
+])  # fmt: skip
 def test_what_lies_outside_of_the_recipe_is_planned_each_time(first_command, outside):
     assert name_of_answer(TABLE | outside, None) is None
 

@@ -201,22 +201,19 @@ def test_generate_resumes_and_previews(tmp_path):
     assert np.load(tmp_path / "npy/image.npy").shape == (8, 128, 128)
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("generate", "nope", "--out", "x"), ["recipe must be one of", "through-slab", "nope", "specklegen recipes"]),
-        (("plan", "through-slab", "--images", "/no/such/folder"), ["Folder.path", "/no/such/folder"]),
-        (("plan", "through-slab", "--set", "material.g=1.0"), ["Material.g", "1.0"]),
-        (("plan", "through-slab", "--set", "material.gg=1.0"), ["Material.gg", "no such field", "Did you mean g?"]),
-        (("plan", "through-slab", "--set", "material"), ["KEY=VALUE", "material"]),
-        (("render", "--g", "1"), ["HenyeyGreenstein.g", "1.0"]),
-        (("render", "--pitch", "1e-4"), ["pitch", "0.0001", "5e-06"]),
-        (("memory-effect", "--mode", "sideways"), ["mode", "sideways"]),
-        (("plan", "no-such.toml"), ["recipe must be a file that is there, or a packaged name; got 'no-such.toml'"]),
-        (("plan", "through-slab", "--images", "empty"), ["Folder.path must be a folder with pictures"]),
-        (("render", "--out", "file/sub"), ["--out must be a writable folder"]),
-    ],
-)
+@pytest.mark.parametrize(("words", "says"), [
+    (("generate", "nope", "--out", "x"), ["recipe must be one of", "through-slab", "nope", "specklegen recipes"]),
+    (("plan", "through-slab", "--images", "/no/such/folder"), ["Folder.path", "/no/such/folder"]),
+    (("plan", "through-slab", "--set", "material.g=1.0"), ["Material.g", "1.0"]),
+    (("plan", "through-slab", "--set", "material.gg=1.0"), ["Material.gg", "no such field", "Did you mean g?"]),
+    (("plan", "through-slab", "--set", "material"), ["KEY=VALUE", "material"]),
+    (("render", "--g", "1"), ["HenyeyGreenstein.g", "1.0"]),
+    (("render", "--pitch", "1e-4"), ["pitch", "0.0001", "5e-06"]),
+    (("memory-effect", "--mode", "sideways"), ["mode", "sideways"]),
+    (("plan", "no-such.toml"), ["recipe must be a file that is there, or a packaged name; got 'no-such.toml'"]),
+    (("plan", "through-slab", "--images", "empty"), ["Folder.path must be a folder with pictures"]),
+    (("render", "--out", "file/sub"), ["--out must be a writable folder"]),
+])  # fmt: skip
 def test_bad_input_is_named(words, says, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
@@ -226,20 +223,17 @@ def test_bad_input_is_named(words, says, tmp_path, monkeypatch):
         assert part in message, message
 
 
-@pytest.mark.parametrize(
-    ("table", "says"),
-    [
-        ("[material]\ng = 2.0", "error: material.g must be between -1 and 1"),
-        ("[material]\nscatterer = {type = 'HenyeyGreenstein', g = 2.0}", "error: material.scatterer.g must be between"),
-        ("[material]\nscatterer = {type = 'Tabulated'}", "error: material.scatterer."),
-        ("[objects]\nshap = [8, 8]", "error: objects.shap must be absent: there is no such field; got [8, 8]."),
-        ("g = 0.5", "error: g must be absent: there is no such field; got 0.5. Did you mean material.g?"),
-        ("[matrial]\ng = 0.5", "Did you mean material?"),
-        ("[samples]\ntrain = 0", "error: samples.train must be at least 1"),
-        ("kind = 'hiden-object'", "error: recipe.kind must be"),
-        ("[objects]\ntype = 'Folder'\npath = 'nowhere'", "error: objects.path must be a folder that exists"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("table", "says"), [
+    ("[material]\ng = 2.0", "error: material.g must be between -1 and 1"),
+    ("[material]\nscatterer = {type = 'HenyeyGreenstein', g = 2.0}", "error: material.scatterer.g must be between"),
+    ("[material]\nscatterer = {type = 'Tabulated'}", "error: material.scatterer."),
+    ("[objects]\nshap = [8, 8]", "error: objects.shap must be absent: there is no such field; got [8, 8]."),
+    ("g = 0.5", "error: g must be absent: there is no such field; got 0.5. Did you mean material.g?"),
+    ("[matrial]\ng = 0.5", "Did you mean material?"),
+    ("[samples]\ntrain = 0", "error: samples.train must be at least 1"),
+    ("kind = 'hiden-object'", "error: recipe.kind must be"),
+    ("[objects]\ntype = 'Folder'\npath = 'nowhere'", "error: objects.path must be a folder that exists"),
+])  # fmt: skip
 def test_errors_speak_of_the_tables_of_a_file(table, says, tmp_path, capsys):
     file = tmp_path / "mine.toml"
     top, _, rest = table.partition("[")

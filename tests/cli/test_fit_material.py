@@ -35,17 +35,14 @@ def test_json_has_both_intervals():
     assert found["degrees"] == 23
 
 
-@pytest.mark.parametrize(
-    ("words", "rule"),
-    [
-        (("--transmittance", "a third"), "fit-material --transmittance must be a number"),
-        (("--transmittance", "31"), "Transmittance value must be a share"),
-        (("--known", "g"), "fit-material --known must be a name and a number"),
-        (("--out", "bench.txt"), "fit-material --out must be a file whose name ends in .toml"),
-        (("--free", "depth"), "fit_material free must be made of"),
-        (("--tilt", "nowhere.csv"), "read_curve path must be a file that is there; got 'nowhere.csv'."),
-    ],
-)
+@pytest.mark.parametrize(("words", "rule"), [
+    (("--transmittance", "a third"), "fit-material --transmittance must be a number"),
+    (("--transmittance", "31"), "Transmittance value must be a share"),
+    (("--known", "g"), "fit-material --known must be a name and a number"),
+    (("--out", "bench.txt"), "fit-material --out must be a file whose name ends in .toml"),
+    (("--free", "depth"), "fit_material free must be made of"),
+    (("--tilt", "nowhere.csv"), "read_curve path must be a file that is there; got 'nowhere.csv'."),
+])  # fmt: skip
 def test_what_cannot_be_is_refused(words, rule):
     done = invoke(*words)
     assert isinstance(done.exception, RuleError)

@@ -27,15 +27,12 @@ def test_images_of_a_folder_take_the_place_of_any_family(tmp_path):
         assert found.objects.image(0, "train", 0).max() == 1
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("one-angular-size", None, "folder", "Points"), "--objects must be left out where --images is given"),
-        (("tilt-stack", None, None, "Points"), "recipe must be one with hidden objects where --images or --objects"),
-        (("one-angular-size", ["objects=3"], None, "Points"), "--set objects must be a table where"),
-        (("one-angular-size", None, None, "Ponits"), r"ObjectFamily\.type must be one of"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    (("one-angular-size", None, "folder", "Points"), "--objects must be left out where --images is given"),
+    (("tilt-stack", None, None, "Points"), "recipe must be one with hidden objects where --images or --objects"),
+    (("one-angular-size", ["objects=3"], None, "Points"), "--set objects must be a table where"),
+    (("one-angular-size", None, None, "Ponits"), r"ObjectFamily\.type must be one of"),
+])  # fmt: skip
 def test_what_does_not_fit_is_refused(arguments, message):
     with pytest.raises(RuleError, match=message):
         load(*arguments)

@@ -129,16 +129,13 @@ def test_colours_become_grey_as_before(setup, tmp_path):
     assert result.exit_code == 0, result.output
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["one.tiff", "small.npy", "--setup", "setup.toml"], "of one size"),
-        (["setup.toml", "--setup", "setup.toml"], "a file that ends in"),
-        (["missing.png", "--setup", "setup.toml"], "a picture that can be read"),
-        (["one.tiff", "--setup", "unknown-slab"], r"setup window\.width must be a length"),
-        (["one.tiff", "--setup", "tilt-stack"], "one with hidden objects"),
-    ],
-)
+@pytest.mark.parametrize(("words", "message"), [
+    (["one.tiff", "small.npy", "--setup", "setup.toml"], "of one size"),
+    (["setup.toml", "--setup", "setup.toml"], "a file that ends in"),
+    (["missing.png", "--setup", "setup.toml"], "a picture that can be read"),
+    (["one.tiff", "--setup", "unknown-slab"], r"setup window\.width must be a length"),
+    (["one.tiff", "--setup", "tilt-stack"], "one with hidden objects"),
+])  # fmt: skip
 def test_what_cannot_be_is_refused(setup, tmp_path, words, message):
     given = [setup / word if (setup / word).exists() or word == "missing.png" else word for word in words]
     result = run("reconstruct", *given, "--out", tmp_path)
@@ -189,10 +186,9 @@ def test_no_probability_of_what_is_no_speckle(setup, tmp_path):
     assert len(image["speckle"]["evidence"]) == 4
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "said"),
-    [(0.5, 2.0, "0.05 to 0.2"), (0.5, np.inf, "above 0.05"), (0.0, 2.0, "below 0.2"), (0.0, np.inf, "any")],
-)
+@pytest.mark.parametrize(("low", "high", "said"), [
+    (0.5, 2.0, "0.05 to 0.2"), (0.5, np.inf, "above 0.05"), (0.0, 2.0, "below 0.2"), (0.0, np.inf, "any"),
+])  # fmt: skip
 def test_an_interval_without_an_end_is_said_to_be_open(low, high, said):
     assert _between(0.1, low, high) == said
 

@@ -112,30 +112,27 @@ def test_one_of_a_thing_is_singular(tmp_path):
     assert "1 tilt through" in shown
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("plan", "through-slab", "--samples", "-3"), "--samples"),
-        (("plan", "thruogh-slab"), "Did you mean through-slab?"),
-        (("render", "--tilts", "0"), "--tilts"),
-        (("render", "--thickness", "0"), "--thickness must be greater than 0"),
-        (("render", "--sampler", "magic"), "stationary"),
-        (("memory-effect", "--points", "0"), "--points"),
-        (("memory-effect", "--points", "1"), "--points"),
-        (("memory-effect", "--largest", "-1"), "--largest must be above 0"),
-        (("train", "through-slab", "--out", "run", "--device", "gpu"), "--device must be a device that torch has"),
-        (("train", "through-slab", "--out", "run", "--device", "meta"), "--device must be a device that torch has"),
-        (("generate", "through-slab", "--out", "x.zarr", "--shard-range", "²/3"), "must be of the form I/N"),
-        (("preview", "through-slab", "--out", "x.pdf"), "preview --out must be a file whose name ends in .png"),
-        (("compare", "through-slab", "--seconds", "nan"), "--seconds must be greater than 0"),
-        (("evaluate", "text.toml"), "model must be a file that Reconstructor.save wrote"),
-        (("plan", "folder/inside"), "recipe must be a file that is there, or a packaged name; got 'folder/inside'"),
-        (("render", "--scene", "folder"), "--scene must be a file that exists"),
-        (("render", "--scene", "text.toml"), "wavelength must be given"),
-        (("render", "--scene", "text.toml", "--g", "0.5", "--tilts", "3"), "render --g, --tilts must be left out"),
-        (("export", "folder", "--out", "x"), "store.folder must be a folder that holds a store"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("words", "says"), [
+    (("plan", "through-slab", "--samples", "-3"), "--samples"),
+    (("plan", "thruogh-slab"), "Did you mean through-slab?"),
+    (("render", "--tilts", "0"), "--tilts"),
+    (("render", "--thickness", "0"), "--thickness must be greater than 0"),
+    (("render", "--sampler", "magic"), "stationary"),
+    (("memory-effect", "--points", "0"), "--points"),
+    (("memory-effect", "--points", "1"), "--points"),
+    (("memory-effect", "--largest", "-1"), "--largest must be above 0"),
+    (("train", "through-slab", "--out", "run", "--device", "gpu"), "--device must be a device that torch has"),
+    (("train", "through-slab", "--out", "run", "--device", "meta"), "--device must be a device that torch has"),
+    (("generate", "through-slab", "--out", "x.zarr", "--shard-range", "²/3"), "must be of the form I/N"),
+    (("preview", "through-slab", "--out", "x.pdf"), "preview --out must be a file whose name ends in .png"),
+    (("compare", "through-slab", "--seconds", "nan"), "--seconds must be greater than 0"),
+    (("evaluate", "text.toml"), "model must be a file that Reconstructor.save wrote"),
+    (("plan", "folder/inside"), "recipe must be a file that is there, or a packaged name; got 'folder/inside'"),
+    (("render", "--scene", "folder"), "--scene must be a file that exists"),
+    (("render", "--scene", "text.toml"), "wavelength must be given"),
+    (("render", "--scene", "text.toml", "--g", "0.5", "--tilts", "3"), "render --g, --tilts must be left out"),
+    (("export", "folder", "--out", "x"), "store.folder must be a folder that holds a store"),
+])  # fmt: skip
 def test_what_stops_a_command_is_a_line(words, says, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()

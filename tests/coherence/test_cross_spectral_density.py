@@ -368,10 +368,9 @@ def test_modes_of_any_unit_of_power():
     assert effective_modes(1e-200 * np.eye(4)) == pytest.approx(4, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("sigma", "turns", "message"),
-    [(0.6, 0.29, "at least 0.3"), (0.1, 0.9, "Use phase_turns of at least 1."), (0.05, 1.0, "span at most pi")],
-)
+@pytest.mark.parametrize(("sigma", "turns", "message"), [
+    (0.6, 0.29, "at least 0.3"), (0.1, 0.9, "Use phase_turns of at least 1."), (0.05, 1.0, "span at most pi"),
+])  # fmt: skip
 def test_copula_refuses_phases_of_too_little_spread(sigma, turns, message):
     with pytest.raises(ValueError, match=message):
         sample_fields(gaussian_schell_model(line(101), sigma), 10, "copula", seed=0, phase_turns=turns)

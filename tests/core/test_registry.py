@@ -75,16 +75,13 @@ def test_the_working_folder_is_looked_into(write, monkeypatch):
     assert imported("field", "registry_here:own") is len
 
 
-@pytest.mark.parametrize(
-    ("path", "rule"),
-    [
-        ("registry_none:own", "of a module that can be imported"),
-        ("{}/registry_none:own", "of a module in"),
-        ("{}/registry_broken:own", "of a module that can be imported"),
-        ("{}/registry_shapes:other", "a name that registry_shapes defines"),
-        ("{}/registry_shapes:number", "the import path of a thing"),
-    ],
-)
+@pytest.mark.parametrize(("path", "rule"), [
+    ("registry_none:own", "of a module that can be imported"),
+    ("{}/registry_none:own", "of a module in"),
+    ("{}/registry_broken:own", "of a module that can be imported"),
+    ("{}/registry_shapes:other", "a name that registry_shapes defines"),
+    ("{}/registry_shapes:number", "the import path of a thing"),
+])  # fmt: skip
 def test_a_path_that_leads_nowhere_is_refused(write, path, rule):
     write("registry_shapes", "number = 3\n")
     folder = write("registry_broken", "1 / 0\n")

@@ -190,11 +190,10 @@ def test_every_broken_rule_is_told_at_once():
     assert len(str(caught.value).splitlines()) == 2
 
 
-@pytest.mark.parametrize(
-    ("width", "rule"),
-    [(NAN, "finite or one of 'fitted'; got nan."), (-1.0, "greater than 0.0 or one of 'fitted'; got -1.0."),
-     ("x", "a number or one of 'fitted'; got 'x'.")],
-)  # fmt: skip
+@pytest.mark.parametrize(("width", "rule"), [
+    (NAN, "finite or one of 'fitted'; got nan."), (-1.0, "greater than 0.0 or one of 'fitted'; got -1.0."),
+    ("x", "a number or one of 'fitted'; got 'x'."),
+])  # fmt: skip
 def test_the_members_of_a_union_are_one_rule(width, rule):
     """As people wrote the field, without the names of a library's types."""
     with pytest.raises(RuleError) as caught:

@@ -63,18 +63,15 @@ def test_substream_is_stable_words_of_32_bits():
     assert stable_hash("specklegen") == 0xB9FAF8AD52E49C1A
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((-1, "train", Purpose.MEDIUM, 0), "seed must be a whole number of at least 0"),
-        ((1.5, "train", Purpose.MEDIUM, 0), "seed must be a whole number"),
-        (((), "train", Purpose.MEDIUM, 0), "seed must be a whole number"),
-        ((True, "train", Purpose.MEDIUM, 0), "seed must be a whole number"),
-        ((0, "val", Purpose.MEDIUM, 0), "split must be one of 'train', 'validation', 'test'; got 'val'"),
-        ((0, "train", Purpose.MEDIUM, -1), "number must be a whole number from 0"),
-        ((0, "train", Purpose.MEDIUM, 2**64), "number must be a whole number from 0"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ((-1, "train", Purpose.MEDIUM, 0), "seed must be a whole number of at least 0"),
+    ((1.5, "train", Purpose.MEDIUM, 0), "seed must be a whole number"),
+    (((), "train", Purpose.MEDIUM, 0), "seed must be a whole number"),
+    ((True, "train", Purpose.MEDIUM, 0), "seed must be a whole number"),
+    ((0, "val", Purpose.MEDIUM, 0), "split must be one of 'train', 'validation', 'test'; got 'val'"),
+    ((0, "train", Purpose.MEDIUM, -1), "number must be a whole number from 0"),
+    ((0, "train", Purpose.MEDIUM, 2**64), "number must be a whole number from 0"),
+])  # fmt: skip
 def test_bad_addresses_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         substream(*arguments)

@@ -98,17 +98,14 @@ def test_extremes_of_the_correlation_length():
     assert not RandomLayer(correlation_length=0.5, rms_index=0).sample(2, 0).any()
 
 
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"correlation_length": -1}, "RandomLayer.correlation_length must be at least 0"),
-        ({"correlation_length": math.nan}, "RandomLayer.correlation_length"),
-        ({"correlation_length": 1, "dx": 0}, "RandomLayer.dx must be greater than 0"),
-        ({"correlation_length": 1, "n_points": 0}, "RandomLayer.n_points must be at least 1"),
-        ({"correlation_length": 1, "rms_index": -0.1}, "RandomLayer.rms_index must be at least 0"),
-        ({"correlation_length": 1, "correlation": "gaussian"}, "RandomLayer.correlation must be one of"),
-    ],
-)
+@pytest.mark.parametrize(("fields", "message"), [
+    ({"correlation_length": -1}, "RandomLayer.correlation_length must be at least 0"),
+    ({"correlation_length": math.nan}, "RandomLayer.correlation_length"),
+    ({"correlation_length": 1, "dx": 0}, "RandomLayer.dx must be greater than 0"),
+    ({"correlation_length": 1, "n_points": 0}, "RandomLayer.n_points must be at least 1"),
+    ({"correlation_length": 1, "rms_index": -0.1}, "RandomLayer.rms_index must be at least 0"),
+    ({"correlation_length": 1, "correlation": "gaussian"}, "RandomLayer.correlation must be one of"),
+])  # fmt: skip
 def test_bad_layers_are_refused(fields, message):
     with pytest.raises(ValueError, match=message):
         RandomLayer(**fields)

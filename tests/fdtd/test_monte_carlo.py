@@ -71,10 +71,9 @@ def test_the_transform_is_long_enough():
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*order not valid")
-@pytest.mark.parametrize(
-    ("modulated", "lc", "back", "forward"),
-    [(True, 0.02, 0.048, 0.0099), (True, 0.5, 0.649, 0.066), (True, 3.0, 2.84, 0.183), (False, 3.0, 0.0152, 0.0031)],
-)
+@pytest.mark.parametrize(("modulated", "lc", "back", "forward"), [
+    (True, 0.02, 0.048, 0.0099), (True, 0.5, 0.649, 0.066), (True, 3.0, 2.84, 0.183), (False, 3.0, 0.0152, 0.0031),
+])  # fmt: skip
 def test_table_of_marched_brute_force(modulated, lc, back, forward):
     """4000 marches against one march with the mean currents of the same media; 50 % back, 10 % forward.
 

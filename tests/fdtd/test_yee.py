@@ -143,15 +143,13 @@ def test_marched_slab_is_fresnels():
     assert rel(forward[0], expected_forward) < 0.02
 
 
-@pytest.mark.parametrize(
-    ("change", "rule"),
-    [
-        ({"n_slab": math.nan}, "n_slab must be finite and above 0; got nan"),
-        ({"n_background": 0.0}, "n_background must be finite and above 0; got 0.0"),
-        ({"thickness": "x"}, "thickness must be a number; got 'x'"), ({"thickness": -1.0}, "thickness must be finite"),
-        ({"wavenumber": [1.0, math.inf]}, "wavenumber must be finite everywhere"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "rule"), [
+    ({"n_slab": math.nan}, "n_slab must be finite and above 0; got nan"),
+    ({"n_background": 0.0}, "n_background must be finite and above 0; got 0.0"),
+    ({"thickness": "x"}, "thickness must be a number; got 'x'"),
+    ({"thickness": -1.0}, "thickness must be finite"),
+    ({"wavenumber": [1.0, math.inf]}, "wavenumber must be finite everywhere"),
+])  # fmt: skip
 def test_slabs_that_are_none_are_refused(change, rule):
     fields = {"n_slab": 1.5, "n_background": 1.0, "thickness": 1.0, "wavenumber": [1.0]} | change
     with pytest.raises(RuleError, match=f"slab_fresnel {rule}"):

@@ -271,14 +271,13 @@ def test_a_scene_is_written_and_read_and_a_dark_one_is_dark():
     assert sg.render(none, paths=100, seed=0).field.shape == (0, 12, 12)
 
 
-@pytest.mark.parametrize(
-    ("field", "light", "passing"),
-    [("FocusedBeams.aperture must be given", {"aperture": None}, None),
-     ("FocusedBeams.points", {"points": [[0.0, 0.0]]}, None),
-     ("FocusedBeams.width", {"width": 1.0}, lambda at: {"width": float(at)}),
-     ("FocusedBeams.waist", {"aperture": None, "waist": 0.5}, lambda at: {"aperture": None, "waist": 1.01 * float(at)}),
-     ("FocusedBeams.points", {"points": [[0.0, 0.0, 1e9]]}, None)],
-)  # fmt: skip
+@pytest.mark.parametrize(("field", "light", "passing"), [
+    ("FocusedBeams.aperture must be given", {"aperture": None}, None),
+    ("FocusedBeams.points", {"points": [[0.0, 0.0]]}, None),
+    ("FocusedBeams.width", {"width": 1.0}, lambda at: {"width": float(at)}),
+    ("FocusedBeams.waist", {"aperture": None, "waist": 0.5}, lambda at: {"aperture": None, "waist": 1.01 * float(at)}),
+    ("FocusedBeams.points", {"points": [[0.0, 0.0, 1e9]]}, None),
+])  # fmt: skip
 def test_what_no_light_does_is_refused_with_what_would_pass(field, light, passing):
     with pytest.raises(sg.RuleError, match=re.escape(field)) as error:
         scene(**light)

@@ -240,19 +240,16 @@ def largest(message):
     return float(re.search(r"at most ([0-9.e+-]+),", message)[1])
 
 
-@pytest.mark.parametrize(
-    ("field", "value", "others", "says"),
-    [
-        ("pixel_pitch", 0.007, {}, r"half a speckle a view; got 0\.007\. Set oversampling to 2 or more, or the"),
-        ("object_extent", 1.4, {}, r"whose image fills the camera; got 1\.4"),
-        ("aperture", 12.0, {"pixel_pitch": 0.001, "pixels": (640, 640)}, r"mapping holds; got 12\.0\. .*phi_3 = 0\.7"),
-        (
-            "aperture", 3.0, {"object_extent": 8.0, "pixel_pitch": 0.004, "pixels": (2000, 2000)},
-            r"phi_4 = .*aperture D",
-        ),
-        ("bandwidth", 2e-5, {}, r"which moves the pattern by one speckle; got 2e-05"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("field", "value", "others", "says"), [
+    ("pixel_pitch", 0.007, {}, r"half a speckle a view; got 0\.007\. Set oversampling to 2 or more, or the"),
+    ("object_extent", 1.4, {}, r"whose image fills the camera; got 1\.4"),
+    ("aperture", 12.0, {"pixel_pitch": 0.001, "pixels": (640, 640)}, r"mapping holds; got 12\.0\. .*phi_3 = 0\.7"),
+    (
+        "aperture", 3.0, {"object_extent": 8.0, "pixel_pitch": 0.004, "pixels": (2000, 2000)},
+        r"phi_4 = .*aperture D",
+    ),
+    ("bandwidth", 2e-5, {}, r"which moves the pattern by one speckle; got 2e-05"),
+])  # fmt: skip
 def test_a_refusal_names_a_largest_value_that_passes_and_is_the_largest(field, value, others, says):
     with pytest.raises(ValueError, match=rf"LabSetup\.{field} must be at most .*{says}") as refusal:
         LabSetup(**{**EXAMPLE, **others, field: value})
@@ -326,18 +323,15 @@ def test_every_laboratory_that_passes_keeps_its_correlation(log_u, log_v, log_ap
         assert worst_correlation(setup, aperture, points=40) > 0.87
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (
-            lambda: LabSetup(**{**EXAMPLE, "camera_distance": None}),
-            r"camera_distance must be given, or else focal_leng",
-        ),
-        (lambda: LabSetup(**EXAMPLE, focal_length=50.0), r"not two of them; got \(50\.0, 50\.0, None\)"),
-        (lambda: LabSetup(**{**EXAMPLE, "wavelength": -1}), r"LabSetup\.wavelength must be greater than 0"),
-        (lambda: LabSetup(**{**EXAMPLE, "aperture": np.nan}), r"LabSetup\.aperture must be finite"),
-    ],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    (
+        lambda: LabSetup(**{**EXAMPLE, "camera_distance": None}),
+        r"camera_distance must be given, or else focal_leng",
+    ),
+    (lambda: LabSetup(**EXAMPLE, focal_length=50.0), r"not two of them; got \(50\.0, 50\.0, None\)"),
+    (lambda: LabSetup(**{**EXAMPLE, "wavelength": -1}), r"LabSetup\.wavelength must be greater than 0"),
+    (lambda: LabSetup(**{**EXAMPLE, "aperture": np.nan}), r"LabSetup\.aperture must be finite"),
+])  # fmt: skip
 def test_bad_input_names_field_rule_and_value(make, message):
     with pytest.raises(ValueError, match=message):
         make()
@@ -384,12 +378,11 @@ def test_a_setup_with_an_objective_is_written_and_read_and_others_are_what_they_
     assert "objective" not in LabSetup(**EXAMPLE).canonical_json()
 
 
-@pytest.mark.parametrize(
-    ("field", "changes"),
-    [("LabSetup.camera_distance", {"camera_distance": 100.0}), ("LabSetup.magnification", {"magnification": None}),
-     ("LabSetup.numerical_aperture", {"numerical_aperture": None}), ("LabSetup.bandwidth", {"bandwidth": 1e-3}),
-     ("LabSetup.focus", {"focus": 1e70})],
-)  # fmt: skip
+@pytest.mark.parametrize(("field", "changes"), [
+    ("LabSetup.camera_distance", {"camera_distance": 100.0}), ("LabSetup.magnification", {"magnification": None}),
+    ("LabSetup.numerical_aperture", {"numerical_aperture": None}), ("LabSetup.bandwidth", {"bandwidth": 1e-3}),
+    ("LabSetup.focus", {"focus": 1e70}),
+])  # fmt: skip
 def test_an_objective_is_given_whole_and_alone(field, changes):
     with pytest.raises(sg.RuleError, match=re.escape(field)):
         LabSetup(**MICROSCOPE | changes)

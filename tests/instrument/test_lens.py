@@ -254,11 +254,10 @@ def test_no_unit_of_length_changes_an_image():
     np.testing.assert_allclose(one, other, atol=2e-3 * rms(one))
 
 
-@pytest.mark.parametrize(
-    ("field", "camera"),
-    [("Imaging.focus", {"focus": 1e70}), ("Imaging.views", {"focus": 1e12}), ("Imaging.views", {"views": 10**7}),
-     ("Imaging.shape", {"shape": (10**9, 10**9)}), ("Imaging.pitch", {"magnification": 1e-250})],
-)  # fmt: skip
+@pytest.mark.parametrize(("field", "camera"), [
+    ("Imaging.focus", {"focus": 1e70}), ("Imaging.views", {"focus": 1e12}), ("Imaging.views", {"views": 10**7}),
+    ("Imaging.shape", {"shape": (10**9, 10**9)}), ("Imaging.pitch", {"magnification": 1e-250}),
+])  # fmt: skip
 def test_what_no_machine_holds_is_refused_by_name(field, camera):
     with pytest.raises(sg.RuleError, match=field):
         sg.plan(scene(**camera), paths=100)

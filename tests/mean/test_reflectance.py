@@ -176,16 +176,13 @@ def test_what_was_never_seen_has_an_error():
     assert found.transmittance < 1e-300
 
 
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"medium": sg.PhaseScreen(rms_phase=1.0, correlation_length=5.0)}, "medium"),
-        ({"medium": sg.Box(lower=[0, 0], upper=[1, 1], mean_free_path=1.0, scatterer=sg.Isotropic())}, "medium"),
-        ({"angle": np.pi / 2}, "angle"), ({"angle": -0.1}, "angle"), ({"angle": np.nan}, "angle"),
-        ({"angles": [0.0, 1.0]}, "angles"), ({"angles": [0.0, 1.0, 0.5, np.pi / 2]}, "angles"), ({"paths": 0}, "paths"),
-        ({"paths": 10**14}, "paths"), ({"rel_error": 2.0}, "rel_error"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "field"), [
+    ({"medium": sg.PhaseScreen(rms_phase=1.0, correlation_length=5.0)}, "medium"),
+    ({"medium": sg.Box(lower=[0, 0], upper=[1, 1], mean_free_path=1.0, scatterer=sg.Isotropic())}, "medium"),
+    ({"angle": np.pi / 2}, "angle"), ({"angle": -0.1}, "angle"), ({"angle": np.nan}, "angle"),
+    ({"angles": [0.0, 1.0]}, "angles"), ({"angles": [0.0, 1.0, 0.5, np.pi / 2]}, "angles"), ({"paths": 0}, "paths"),
+    ({"paths": 10**14}, "paths"), ({"rel_error": 2.0}, "rel_error"),
+])  # fmt: skip
 def test_arguments_out_of_range_are_refused_by_name(change, field):
     arguments = {"medium": VAN_DE_HULST} | change
     with pytest.raises(sg.RuleError, match=rf"^(Budget\.|reflectance_transmittance ){field} must be"):

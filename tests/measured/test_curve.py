@@ -38,22 +38,19 @@ def test_what_numpy_writes(tmp_path):
     assert two.errors is None
 
 
-@pytest.mark.parametrize(
-    ("lines", "told"),
-    [
-        ("tilt,C\n0,1\n1,abc\n", r"line 3, must be of finite numbers; got 'abc'"),
-        ("0,1\n1,nan\n", "line 2, must be of finite numbers"),
-        ("# head\n\n0;1\n1;0,5\n", "line 4, .* Write a decimal point"),
-        ("0,1\n2,.5\n1,.4\n", r"line 3, must be of a place above the one before, 2; got 1\.0\. Sort"),
-        ("0,1\n0,.5\n", "line 2, .*average repeats"),
-        ("0,1,.1\n1,.5,0\n", "line 2, must be of a standard error greater than 0"),
-        ("0,1,.1\n1,.5\n", "line 2, must be of at least 3 columns"),
-        ("0\n1\n", "line 1, must be of at least 2 columns"),
-        ("tilt,C\n0,1\n", "at least two lines"),
-        ("", "at least two lines"),
-        ("a,b\nc,d\n", "line 2, must be of finite numbers"),
-    ],
-)
+@pytest.mark.parametrize(("lines", "told"), [
+    ("tilt,C\n0,1\n1,abc\n", r"line 3, must be of finite numbers; got 'abc'"),
+    ("0,1\n1,nan\n", "line 2, must be of finite numbers"),
+    ("# head\n\n0;1\n1;0,5\n", "line 4, .* Write a decimal point"),
+    ("0,1\n2,.5\n1,.4\n", r"line 3, must be of a place above the one before, 2; got 1\.0\. Sort"),
+    ("0,1\n0,.5\n", "line 2, .*average repeats"),
+    ("0,1,.1\n1,.5,0\n", "line 2, must be of a standard error greater than 0"),
+    ("0,1,.1\n1,.5\n", "line 2, must be of at least 3 columns"),
+    ("0\n1\n", "line 1, must be of at least 2 columns"),
+    ("tilt,C\n0,1\n", "at least two lines"),
+    ("", "at least two lines"),
+    ("a,b\nc,d\n", "line 2, must be of finite numbers"),
+])  # fmt: skip
 def test_the_line_is_named(lines, told, tmp_path):
     (tmp_path / "a.csv").write_text(lines)
     with pytest.raises(RuleError, match=told):

@@ -160,16 +160,13 @@ def bad_files(folder):
     Image.fromarray(np.zeros((20, 20, 3), np.uint8)).save(folder / "colours.png")
 
 
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [
-        ("absent.tif", "a file, a folder or a pattern with frames"),
-        ("none_*.tif", "a file, a folder or a pattern with frames"), ("zero\0.tif", "a file, a folder or a pattern"),
-        ("empty", r"A folder holds frames as \.tif"), ("photo.jpg", "compressed with loss"),
-        ("half.tif", "that can be read"), ("colours.png", "colours"), ("words.npy", "read|grey"),
-        ("*.npy", "frames of one size"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "told"), [
+    ("absent.tif", "a file, a folder or a pattern with frames"),
+    ("none_*.tif", "a file, a folder or a pattern with frames"), ("zero\0.tif", "a file, a folder or a pattern"),
+    ("empty", r"A folder holds frames as \.tif"), ("photo.jpg", "compressed with loss"),
+    ("half.tif", "that can be read"), ("colours.png", "colours"), ("words.npy", "read|grey"),
+    ("*.npy", "frames of one size"),
+])  # fmt: skip
 def test_refusals_of_files(name, told, tmp_path):
     bad_files(tmp_path)
     if name == "*.npy":
@@ -181,31 +178,28 @@ def test_refusals_of_files(name, told, tmp_path):
 FLAT = np.full((24, 31), 3000.0)
 
 
-@pytest.mark.parametrize(
-    ("field", "given", "told"),
-    [
-        ("source", {"source": b"abc"}, "array"), ("source", {"source": np.ones((2, 2, 2, 2))}, r"\[h, w\]"),
-        ("source", {"source": np.ones((20, 4))}, "at least 8 x 8"),
-        ("source", {"source": np.full((20, 20), np.nan)}, "finite"),
-        ("source", {"source": np.zeros((20, 20))}, "brighter than the black level"),
-        ("source", {"source": COUNTS + 1j}, "real numbers"),
-        ("source", {"source": np.full((20, 20), 1e30)}, "at most 1e.18"),
-        ("variable", {"variable": 3}, "name of an array"), ("hot_pixels", {"hot_pixels": "no"}, "True or False"),
-        ("region", {"region": np.array(4.0)}, "find"), ("frames", {"frames": "a"}, "whole number"),
-        ("bit_depth", {"bit_depth": np.ones(3)}, "whole number"), ("dark", {"dark": 1e6}, "darker than the frames"),
-        ("dark", {"dark": float("nan")}, "finite"), ("dark", {"dark": np.ones((9, 9))}, "24 x 31"),
-        ("dark", {"dark": np.full((24, 31), np.inf)}, "finite everywhere"), ("flat", {"flat": FLAT[:9]}, "24 x 31"),
-        ("flat", {"flat": FLAT, "dark": COUNTS[0] * 0 + 3001, "source": COUNTS + 9000}, "even light"),
-        ("envelope", {"envelope": -FLAT}, "greater than 0"), ("envelope", {"envelope": "gone.tif"}, "file"),
-        ("envelope", {"envelope": "fit", "dark": 1990.0}, "above the black level everywhere"),
-        ("region", {"region": (0, 0, 99, 9)}, "inside the frame of 24 x 31"),
-        ("region", {"region": (0, 0, 4, 9)}, "at least 8 x 8"), ("region", {"region": "all"}, "find"),
-        ("region", {"region": (0.5, 0, 9, 9)}, "whole number"), ("frames", {"frames": 3}, "at most 2"),
-        ("frames", {"frames": slice(7, 9)}, "some of the 3"), ("frames", {"frames": slice("a", None)}, "slice"),
-        ("bit_depth", {"bit_depth": 8}, "enough for counts"), ("bit_depth", {"bit_depth": 40}, "at most 16"),
-        ("bit_depth", {"bit_depth": 12, "source": COUNTS / 7}, "not whole"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("field", "given", "told"), [
+    ("source", {"source": b"abc"}, "array"), ("source", {"source": np.ones((2, 2, 2, 2))}, r"\[h, w\]"),
+    ("source", {"source": np.ones((20, 4))}, "at least 8 x 8"),
+    ("source", {"source": np.full((20, 20), np.nan)}, "finite"),
+    ("source", {"source": np.zeros((20, 20))}, "brighter than the black level"),
+    ("source", {"source": COUNTS + 1j}, "real numbers"),
+    ("source", {"source": np.full((20, 20), 1e30)}, "at most 1e.18"), ("variable", {"variable": 3}, "name of an array"),
+    ("hot_pixels", {"hot_pixels": "no"}, "True or False"), ("region", {"region": np.array(4.0)}, "find"),
+    ("frames", {"frames": "a"}, "whole number"), ("bit_depth", {"bit_depth": np.ones(3)}, "whole number"),
+    ("dark", {"dark": 1e6}, "darker than the frames"), ("dark", {"dark": float("nan")}, "finite"),
+    ("dark", {"dark": np.ones((9, 9))}, "24 x 31"), ("dark", {"dark": np.full((24, 31), np.inf)}, "finite everywhere"),
+    ("flat", {"flat": FLAT[:9]}, "24 x 31"),
+    ("flat", {"flat": FLAT, "dark": COUNTS[0] * 0 + 3001, "source": COUNTS + 9000}, "even light"),
+    ("envelope", {"envelope": -FLAT}, "greater than 0"), ("envelope", {"envelope": "gone.tif"}, "file"),
+    ("envelope", {"envelope": "fit", "dark": 1990.0}, "above the black level everywhere"),
+    ("region", {"region": (0, 0, 99, 9)}, "inside the frame of 24 x 31"),
+    ("region", {"region": (0, 0, 4, 9)}, "at least 8 x 8"), ("region", {"region": "all"}, "find"),
+    ("region", {"region": (0.5, 0, 9, 9)}, "whole number"), ("frames", {"frames": 3}, "at most 2"),
+    ("frames", {"frames": slice(7, 9)}, "some of the 3"), ("frames", {"frames": slice("a", None)}, "slice"),
+    ("bit_depth", {"bit_depth": 8}, "enough for counts"), ("bit_depth", {"bit_depth": 40}, "at most 16"),
+    ("bit_depth", {"bit_depth": 12, "source": COUNTS / 7}, "not whole"),
+])  # fmt: skip
 def test_refusals_by_field(field, given, told):
     arguments = {"source": COUNTS} | given
     with pytest.raises(RuleError, match=rf"^read_measurement {field} must be .*{told}"):

@@ -94,24 +94,21 @@ def with_head(number, text):
     return [text if n == number else line for n, line in enumerate(HEAD)]
 
 
-@pytest.mark.parametrize(
-    ("lines", "head", "told"),
-    [
-        (["r t", ".3 .4 .5"], HEAD, "line 23, must be 2 numbers"),
-        (["r t", ".3 1.4"], HEAD, "line 23, transmission must be a share"),
-        (["r q", ".3 .4"], HEAD, "line 22, must be names of columns among r, t"),
-        (["t u", ".3 .4"], HEAD, "line 22, must be names of different columns, r among"),
-        (["r t", ".3 nan"], HEAD, "line 23, must be a finite number"),
-        (["r"], HEAD, "readings must be at least one"),
-        ([], HEAD, "followed by readings"),
-        (["4", ".3 .4 .5 .6"], HEAD, "1 to 3 readings"),
-        (["r", ".3"], HEAD[:12], "line 16, must be a number of the head"),
-        (["r", ".3"], with_head(0, "13.3"), "line 4, sample index must be from 0.1 to 10"),
-        (["r", ".3"], with_head(2, "0"), "line 6, thickness must be greater than 0"),
-        (["r", ".3"], with_head(7, "1.5"), "line 11, spheres must be from 0 to 2"),
-        (["r", ".3"], with_head(8, "20"), "line 12, diameter must be of a sphere larger than its ports"),
-    ],
-)
+@pytest.mark.parametrize(("lines", "head", "told"), [
+    (["r t", ".3 .4 .5"], HEAD, "line 23, must be 2 numbers"),
+    (["r t", ".3 1.4"], HEAD, "line 23, transmission must be a share"),
+    (["r q", ".3 .4"], HEAD, "line 22, must be names of columns among r, t"),
+    (["t u", ".3 .4"], HEAD, "line 22, must be names of different columns, r among"),
+    (["r t", ".3 nan"], HEAD, "line 23, must be a finite number"),
+    (["r"], HEAD, "readings must be at least one"),
+    ([], HEAD, "followed by readings"),
+    (["4", ".3 .4 .5 .6"], HEAD, "1 to 3 readings"),
+    (["r", ".3"], HEAD[:12], "line 16, must be a number of the head"),
+    (["r", ".3"], with_head(0, "13.3"), "line 4, sample index must be from 0.1 to 10"),
+    (["r", ".3"], with_head(2, "0"), "line 6, thickness must be greater than 0"),
+    (["r", ".3"], with_head(7, "1.5"), "line 11, spheres must be from 0 to 2"),
+    (["r", ".3"], with_head(8, "20"), "line 12, diameter must be of a sphere larger than its ports"),
+])  # fmt: skip
 def test_refusals_name_the_line(lines, head, told, tmp_path):
     with pytest.raises(RuleError, match=re.escape(told)):
         read_sphere(write(tmp_path, *lines, head=head))

@@ -81,14 +81,10 @@ def test_forward_slabs_have_both_memory_effects_of_another_program(case):
         assert_z(found, axis, np.hypot(walked.standard_error[:, 0], 0.002), degrees=63)
 
 
-@pytest.mark.parametrize(
-    ("scatterer", "expected"),
-    [
-        (sg.HenyeyGreenstein(g=0.99), [0.978, 0.920, 0.751]),
-        (sg.VonMisesFisher(concentration=100.0), [0.762, 0.357, 0.028]),
-    ],
-    ids=["HG", "vMF"],
-)
+@pytest.mark.parametrize(("scatterer", "expected"), [
+    (sg.HenyeyGreenstein(g=0.99), [0.978, 0.920, 0.751]),
+    (sg.VonMisesFisher(concentration=100.0), [0.762, 0.357, 0.028]),
+], ids=["HG", "vMF"])  # fmt: skip
 def test_the_transport_length_alone_does_not_fix_the_memory_effect_of_forward_slabs(scatterer, expected):
     """C_I at q = 4, 8, 16, OD 20 and L / l* = .2 of either."""
     medium = sg.Slab(thickness=400.0, mean_free_path=20.0, scatterer=scatterer)

@@ -176,10 +176,9 @@ def test_images_without_a_character_are_like_no_other():
     assert metrics.bootstrap(values, media, np.full(200, -1)) == alone
 
 
-@pytest.mark.parametrize(
-    ("values", "media", "message"),
-    [([1.0, 2.0], [0, 0], "at least two"), ([1.0, np.nan], [0, 1], "finite"), ([1.0], [0, 1], "one for each")],
-)
+@pytest.mark.parametrize(("values", "media", "message"), [
+    ([1.0, 2.0], [0, 0], "at least two"), ([1.0, np.nan], [0, 1], "finite"), ([1.0], [0, 1], "one for each"),
+])  # fmt: skip
 def test_bootstrap_refuses_what_it_cannot_judge(values, media, message):
     with pytest.raises(ValueError, match=message):
         metrics.bootstrap(np.array(values), np.array(media))

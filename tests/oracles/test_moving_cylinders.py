@@ -63,14 +63,11 @@ def test_the_work_may_be_shared():
         assert np.array_equal(getattr(one, name), getattr(three, name))
 
 
-@pytest.mark.parametrize(
-    ("x", "placements", "words"),
-    [
-        ([0.2, 0.1], 256, "x must be finite, at least 0, and each at least the one before"),
-        ([-0.2], 256, "x must be finite, at least 0"), ([np.inf], 256, "x must be finite"),
-        ([], 256, "x must be finite"), ([0.1], 100, "placements must be at least two for each of 64 batches"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("x", "placements", "words"), [
+    ([0.2, 0.1], 256, "x must be finite, at least 0, and each at least the one before"),
+    ([-0.2], 256, "x must be finite, at least 0"), ([np.inf], 256, "x must be finite"), ([], 256, "x must be finite"),
+    ([0.1], 100, "placements must be at least two for each of 64 batches"),
+])  # fmt: skip
 def test_bad_input_is_named(x, placements, words):
     with pytest.raises(RuleError, match=words):
         temporal_correlation(WEAK, LIGHTS, far, x, placements=placements, seed=0)

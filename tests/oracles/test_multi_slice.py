@@ -168,15 +168,12 @@ def test_screens_that_have_moved_far_are_others():
     assert found.on_axis.mean() < 0.05  # 290 views
 
 
-@pytest.mark.parametrize(
-    ("ask", "words"),
-    [
-        (lambda: run(slab(albedo=0.9)), "slab.albedo must be 1"),
-        (lambda: run(slab(scatterer=sg.Isotropic())), "at most 0.2 transport lengths; got 5"),
-        (lambda: run(slab(), motion=-1.0), "motion must be finite and at least 0"),
-        (lambda: run(slab(), pitch=1.5), "pitch must be at most 0.99.*4 rms angles"),
-    ],
-)
+@pytest.mark.parametrize(("ask", "words"), [
+    (lambda: run(slab(albedo=0.9)), "slab.albedo must be 1"),
+    (lambda: run(slab(scatterer=sg.Isotropic())), "at most 0.2 transport lengths; got 5"),
+    (lambda: run(slab(), motion=-1.0), "motion must be finite and at least 0"),
+    (lambda: run(slab(), pitch=1.5), "pitch must be at most 0.99.*4 rms angles"),
+])  # fmt: skip
 def test_what_lies_outside_its_domain_is_refused(ask, words):
     with pytest.raises(RuleError, match=words):
         ask()

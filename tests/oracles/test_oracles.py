@@ -154,10 +154,9 @@ def test_electric_field_monte_carlo_has_intensities_and_no_correlation():
         assert_same_covariance(field_covariances(fields), expected)
 
 
-@pytest.mark.parametrize(
-    ("side", "g", "optical_depth", "base"),
-    [("transmission", 0.5, 2.0, 0.0), ("reflection", 0.0, 0.5, 0.5), ("transmission", 0.9, 2.0, 0.5)],
-)
+@pytest.mark.parametrize(("side", "g", "optical_depth", "base"), [
+    ("transmission", 0.5, 2.0, 0.0), ("reflection", 0.0, 0.5, 0.5), ("transmission", 0.9, 2.0, 0.5),
+])  # fmt: skip
 def test_naive_numba_fields_have_the_covariance_of_the_engine(side, g, optical_depth, base):
     scene = make_scene(side, g=g, optical_depth=optical_depth, base=base, offset=0.3 if side == "reflection" else 0.0)
     found, expected = field_covariances(naive_fields(scene, 2, 400 * BATCHES)), engine_covariances(scene)

@@ -73,10 +73,9 @@ def test_a_wall_adds_the_echoes_of_both_its_faces():
     assert np.array_equal(reflectance(sg.Faces(inside=1.33, wall=1.33), mu), reflectance(sg.Faces(inside=1.33), mu))
 
 
-@pytest.mark.parametrize(
-    ("index", "wall", "expected"),
-    [(1.33, None, 0.4311), (1.4, None, 0.4935), (1.5, None, 0.5678), (1.33, 1.52, 0.4525), (1.0, None, 0.0)],
-)
+@pytest.mark.parametrize(("index", "wall", "expected"), [
+    (1.33, None, 0.4311), (1.4, None, 0.4935), (1.5, None, 0.5678), (1.33, 1.52, 0.4525), (1.0, None, 0.0),
+])  # fmt: skip
 def test_faces_turn_back_diffuse_light(index, wall, expected):
     assert theory.internal_reflection(index, wall=wall) == pytest.approx(expected, abs=5e-5)
 
@@ -268,13 +267,10 @@ def test_trapped_light_comes_out_late(index, expected, error):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("optical_depth", "index", "half", "digit"),
-    [
-        (5, 1.0, 18.4, 0.05), (5, 1.33, 16.4, 0.05), (5, 1.5, 14.7, 0.05),
-        (20, 1.0, 1.416, 5e-4), (20, 1.33, 0.917, 5e-4), (20, 1.5, 0.773, 5e-4),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("optical_depth", "index", "half", "digit"), [
+    (5, 1.0, 18.4, 0.05), (5, 1.33, 16.4, 0.05), (5, 1.5, 14.7, 0.05), (20, 1.0, 1.416, 5e-4), (20, 1.33, 0.917, 5e-4),
+    (20, 1.5, 0.773, 5e-4),
+])  # fmt: skip
 def test_half_ranges_of_forward_scattering(optical_depth, index, half, digit):
     check_half_range(estimate_correlation(slab(optical_depth, 0.9, index), 600_000, 1), half, digit)
 

@@ -162,11 +162,10 @@ def correlation(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return jackknife(sums, lambda total: total[1:] / total[0])
 
 
-@pytest.mark.parametrize(
-    "medium",
-    [TWO, sg.Layers([UPPER, LOWER, UPPER.replace(index=1.0)]),
-     sg.Layers([layer.replace(index=None) for layer in TWO.layers], faces=sg.Faces(inside=1.4))],
-)  # fmt: skip
+@pytest.mark.parametrize("medium", [
+    TWO, sg.Layers([UPPER, LOWER, UPPER.replace(index=1.0)]),
+    sg.Layers([layer.replace(index=None) for layer in TWO.layers], faces=sg.Faces(inside=1.4)),
+])  # fmt: skip
 def test_the_memory_effect_is_that_of_a_literal_walk(medium):
     q = np.array([0.3, 0.8, 2.0])
     sums = walk_layers(described(medium), paths=64 * 1000, seed=16).sums(q)

@@ -88,10 +88,9 @@ def test_a_plan_states_the_error_of_an_image_by_its_pixels():
     assert made.pixel == lit_plane(seen).moments
 
 
-@pytest.mark.parametrize(
-    ("faces", "pupil"),
-    [(sg.Faces(), sg.Pupil()), (sg.Faces(inside=1.3), sg.Pupil()), (sg.Faces(), sg.Pupil(zernike=[0, 0, 0, 0.3]))],
-)
+@pytest.mark.parametrize(("faces", "pupil"), [
+    (sg.Faces(), sg.Pupil()), (sg.Faces(inside=1.3), sg.Pupil()), (sg.Faces(), sg.Pupil(zernike=[0, 0, 0, 0.3])),
+])  # fmt: skip
 def test_areas_of_images_are_those_on_the_plane_in_focus(faces, pupil):
     """(int |h|^2)^2 / int |h|^4 of images that the lens itself makes, pixel by pixel; 65 views across lose 1.5 %."""
     seen = scene(sg.HenyeyGreenstein(0.9), 0.3, -15.0, faces=faces, pupil=pupil)

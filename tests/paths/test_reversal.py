@@ -56,10 +56,9 @@ def test_forward_scatterers_keep_reversed_paths_six_degrees_off():
     assert curve.reverse
 
 
-@pytest.mark.parametrize(
-    ("g", "optical_depth", "mean_free_path"),
-    [(0.99, 0.5, 50.0), (0.9, 2.0, 10.0), (0.6, 0.3, 20.0), (0.0, 0.5, 50.0), (-0.5, 0.5, 20.0), (-0.9, 3.0, 20.0)],
-)
+@pytest.mark.parametrize(("g", "optical_depth", "mean_free_path"), [
+    (0.99, 0.5, 50.0), (0.9, 2.0, 10.0), (0.6, 0.3, 20.0), (0.0, 0.5, 50.0), (-0.5, 0.5, 20.0), (-0.9, 3.0, 20.0),
+])  # fmt: skip
 def test_the_bound_holds_beside_paths_weighed_both_ways(g, optical_depth, mean_free_path):
     """Above the excess by no more than 5 of its standard errors less (chance 3e-7), and no trivial 1."""
     scatterer = sg.HenyeyGreenstein(g=g) if g else sg.Isotropic()

@@ -158,13 +158,10 @@ def outgoing_power(bank, medium, light, power: np.ndarray, seed: int) -> tuple[n
     return np.where(views[:, 2] > 0, leaving, 0), np.where(views[:, 2] < 0, leaving, 0)
 
 
-@pytest.mark.parametrize(
-    ("optical_depth", "g", "tilt", "profile"),
-    [
-        (0.1, 0.0, 0.0, "square"), (1.0, 0.0, 0.8, "disc"), (2.0, 0.9, 0.0, "gaussian"), (2.0, -0.5, 0.5, "square"),
-        (5.0, 0.9, 0.8, "square"), (5.0, 0.0, 0.0, "gaussian"), (2.0, 0.99, 0.3, "disc"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("optical_depth", "g", "tilt", "profile"), [
+    (0.1, 0.0, 0.0, "square"), (1.0, 0.0, 0.8, "disc"), (2.0, 0.9, 0.0, "gaussian"), (2.0, -0.5, 0.5, "square"),
+    (5.0, 0.9, 0.8, "square"), (5.0, 0.0, 0.0, "gaussian"), (2.0, 0.99, 0.3, "disc"),
+])  # fmt: skip
 def test_scattered_light_is_what_left_the_beam(optical_depth, g, tilt, profile):
     """A02 in 3D: the integral of I over both hemispheres is A (1 - e^(-OD / i_z)) at albedo 1."""
     medium = slab(optical_depth, g)
@@ -228,10 +225,9 @@ def transmittance(medium: sg.Slab, paths: int, seed: int) -> np.ndarray:
     return batch_means(bank, out) + np.exp(-medium.optical_depth)
 
 
-@pytest.mark.parametrize(
-    ("optical_depth", "paths"),
-    [(5, 64 * 24_000), (10, 64 * 48_000), pytest.param(20, 64 * 100_000, marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize(("optical_depth", "paths"), [
+    (5, 64 * 24_000), (10, 64 * 48_000), pytest.param(20, 64 * 100_000, marks=pytest.mark.slow),
+])  # fmt: skip
 def test_transmission_of_a_slab(optical_depth, paths):
     found = transmittance(slab(optical_depth), paths, 21)
     expected = slab_transmission(optical_depth)

@@ -114,14 +114,10 @@ def test_a_wrong_mode_is_caught(monkeypatch):
         assert_mean(light(medium, PATHS), adding_doubling(100.0, albedo=0.9, g=0.0).transmitted)
 
 
-@pytest.mark.parametrize(
-    "medium",
-    [
-        slab(0.9, 6.0, 0.8), slab(0.6, 5.0, scatterer=sg.VonMisesFisher(concentration=8.0)),
-        slab(0.9, 6.0, scatterer=sg.Mixture(types=(sg.Isotropic(), sg.HenyeyGreenstein(g=0.7)), fractions=(0.3, 0.7))),
-    ],
-    ids=["closed", "table", "mixture"],
-)  # fmt: skip
+@pytest.mark.parametrize("medium", [
+    slab(0.9, 6.0, 0.8), slab(0.6, 5.0, scatterer=sg.VonMisesFisher(concentration=8.0)),
+    slab(0.9, 6.0, scatterer=sg.Mixture(types=(sg.Isotropic(), sg.HenyeyGreenstein(g=0.7)), fractions=(0.3, 0.7))),
+], ids=["closed", "table", "mixture"])  # fmt: skip
 @pytest.mark.parametrize(("entering", "view"), [(AXIS, AXIS), (unit(0.5, 0.1, 0.8), unit(-0.2, 0.3, 0.9))])
 def test_it_is_the_light_of_paths_that_are_not_drawn(medium, entering, view, monkeypatch):
     """Where both can be had: any phase function, light and views aslant."""

@@ -236,20 +236,17 @@ def test_a_sensor_on_a_source_is_refused():
     assert np.isfinite(estimate(scene).value).all()
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"paths": 0}, r"Budget\.paths must be at least 1"),
-        ({"paths": 10.5}, r"Budget\.paths must be a whole number"),
-        ({"tolerance": 0.0}, r"Budget\.tolerance must be between 0 and 1"),
-        ({"reverse": "never"}, "reverse must be True, False or"),
-        ({"reverse": 1}, "reverse must be True, False or"),
-        ({"pairs": [[0, 0, 0, 3]]}, "covariance pairs must be below 1 for lights and below 3 for views"),
-        ({"pairs": [[0, 0, 0, -1]]}, "covariance pairs must be"),
-        ({"pairs": [[0, 0, 0, 1.0]]}, "covariance pairs must be whole numbers"),
-        ({"seed": -1}, "seed must be a whole number of at least 0"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"paths": 0}, r"Budget\.paths must be at least 1"),
+    ({"paths": 10.5}, r"Budget\.paths must be a whole number"),
+    ({"tolerance": 0.0}, r"Budget\.tolerance must be between 0 and 1"),
+    ({"reverse": "never"}, "reverse must be True, False or"),
+    ({"reverse": 1}, "reverse must be True, False or"),
+    ({"pairs": [[0, 0, 0, 3]]}, "covariance pairs must be below 1 for lights and below 3 for views"),
+    ({"pairs": [[0, 0, 0, -1]]}, "covariance pairs must be"),
+    ({"pairs": [[0, 0, 0, 1.0]]}, "covariance pairs must be whole numbers"),
+    ({"seed": -1}, "seed must be a whole number of at least 0"),
+])  # fmt: skip
 def test_arguments_are_checked(change, message):
     with pytest.raises(sg.RuleError, match=message):
         sg.covariance(SCENE, **{"paths": 64, **change})

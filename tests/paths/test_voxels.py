@@ -165,16 +165,13 @@ def test_one_voxel_a_million_times_denser(albedo):
     assert found.unfinished == 0
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"extinction": [[-1.0]]}, "VoxelGrid.extinction must be at least 0"),
-        ({"albedo": np.array(1.5)}, "VoxelGrid.albedo must be between 0 and 1"),
-        ({"material": np.array(1.0)}, "VoxelGrid.material must be whole numbers from 0 to 0"),
-        ({"extinction": [[[1.0]]]}, "VoxelGrid.extinction must be an array of 2 axes"),
-        ({"upper": [-6.0, 5.0]}, "VoxelGrid.upper must be above lower"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"extinction": [[-1.0]]}, "VoxelGrid.extinction must be at least 0"),
+    ({"albedo": np.array(1.5)}, "VoxelGrid.albedo must be between 0 and 1"),
+    ({"material": np.array(1.0)}, "VoxelGrid.material must be whole numbers from 0 to 0"),
+    ({"extinction": [[[1.0]]]}, "VoxelGrid.extinction must be an array of 2 axes"),
+    ({"upper": [-6.0, 5.0]}, "VoxelGrid.upper must be above lower"),
+])  # fmt: skip
 def test_voxels_are_checked(change, message):
     with pytest.raises(sg.RuleError, match=message):
         grid([[0.2]]).replace(**change)

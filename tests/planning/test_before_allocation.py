@@ -126,16 +126,13 @@ SCREEN = sg.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
 MANY = np.broadcast_to(0.0, 10**9)  # of 8 bytes
 
 
-@pytest.mark.parametrize(
-    "ask",
-    [
-        lambda: sg.memory_effect(slab(5.0), wavelength=0.5, tilts=MANY),
-        lambda: sg.memory_effect(SCREEN, wavelength=0.5, tilts=MANY),
-        lambda: sg.joint_correlation(slab(5.0), wavelength=0.5, tilts=MANY[: 10**5], shifts=MANY[: 10**5]),
-        lambda: sg.joint_correlation(SCREEN, wavelength=0.5, tilts=MANY[: 10**5], shifts=MANY[: 10**5]),
-        lambda: sg.mean_field(scene(slab(5.0)).replace(sensor=sg.FarField.grid((10**5, 10**5), 1e-8))),
-    ],
-)
+@pytest.mark.parametrize("ask", [
+    lambda: sg.memory_effect(slab(5.0), wavelength=0.5, tilts=MANY),
+    lambda: sg.memory_effect(SCREEN, wavelength=0.5, tilts=MANY),
+    lambda: sg.joint_correlation(slab(5.0), wavelength=0.5, tilts=MANY[: 10**5], shifts=MANY[: 10**5]),
+    lambda: sg.joint_correlation(SCREEN, wavelength=0.5, tilts=MANY[: 10**5], shifts=MANY[: 10**5]),
+    lambda: sg.mean_field(scene(slab(5.0)).replace(sensor=sg.FarField.grid((10**5, 10**5), 1e-8))),
+])  # fmt: skip
 def test_more_than_memory_holds_is_refused_by_name_before_it_is_worked_on(ask, monkeypatch):
     """It was worked on for minutes without a word, and ended in a raw MemoryError."""
     monkeypatch.setattr(memory, "available_memory", lambda: 2**33)
@@ -153,14 +150,11 @@ def test_a_curve_behind_screens_takes_memory_in_proportion_to_its_tilts():
     assert most < 8 * 1000**2
 
 
-@pytest.mark.parametrize(
-    ("owner", "ask"),
-    [
-        ("memory_effect tilts", lambda: sg.memory_effect(SCREEN, wavelength=0.5, tilts=[0.0, 1e-3])),
-        ("joint_correlation tilts", lambda: sg.joint_correlation(SCREEN, wavelength=0.5, tilts=[0.0], shifts=[1.0])),
-        ("mean_field scene", lambda: sg.mean_field(scene(slab(5.0)))),
-    ],
-)
+@pytest.mark.parametrize(("owner", "ask"), [
+    ("memory_effect tilts", lambda: sg.memory_effect(SCREEN, wavelength=0.5, tilts=[0.0, 1e-3])),
+    ("joint_correlation tilts", lambda: sg.joint_correlation(SCREEN, wavelength=0.5, tilts=[0.0], shifts=[1.0])),
+    ("mean_field scene", lambda: sg.mean_field(scene(slab(5.0)))),
+])  # fmt: skip
 def test_closed_forms_are_held_against_the_time_too(owner, ask, monkeypatch):
     monkeypatch.setattr(budgets, "MOST_SECONDS", 1e-9)
     with pytest.raises(RuleError, match=f"^{owner} must be done within"):

@@ -188,24 +188,21 @@ def test_values():
     assert bare.beams is bare
 
 
-@pytest.mark.parametrize(
-    ("changes", "field", "rule"),
-    [
-        ({"exposure": -1.0}, "CollimatedBeams.exposure", "above 0"),
-        ({"exposure": 0.0}, "CollimatedBeams.exposure", "above 0"),
-        ({"exposure": np.inf}, "CollimatedBeams.exposure", "finite everywhere"),
-        ({"exposure": [1.0, 2.0]}, "CollimatedBeams.exposure", "one number, or 1, one a beam"),
-        ({"exposure": "long"}, "CollimatedBeams.exposure", "an array of numbers"),
-        ({"exposure": 1e308}, "CollimatedBeams.times", "such that k"),
-        ({"times": (0.0, 0.2)}, "CollimatedBeams.times", "an exposure apart, at least"),
-        ({"times": (1.0, 0.0)}, "CollimatedBeams.times", "in their order before a medium that moves"),
-        ({"sub_frames": 1.5}, "CollimatedBeams.sub_frames", "whole numbers from 1 to"),
-        ({"sub_frames": 0}, "CollimatedBeams.sub_frames", "whole numbers from 1 to"),
-        ({"exposure": None, "sub_frames": 4}, "CollimatedBeams.sub_frames", "left out without an exposure"),
-        ({"medium": THIN.replace(motion=None)}, "CollimatedBeams.times", "left out before a medium that does not move"),
-        ({"medium": SCREEN}, "CollimatedBeams.times", "left out before a medium that does not move"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "field", "rule"), [
+    ({"exposure": -1.0}, "CollimatedBeams.exposure", "above 0"),
+    ({"exposure": 0.0}, "CollimatedBeams.exposure", "above 0"),
+    ({"exposure": np.inf}, "CollimatedBeams.exposure", "finite everywhere"),
+    ({"exposure": [1.0, 2.0]}, "CollimatedBeams.exposure", "one number, or 1, one a beam"),
+    ({"exposure": "long"}, "CollimatedBeams.exposure", "an array of numbers"),
+    ({"exposure": 1e308}, "CollimatedBeams.times", "such that k"),
+    ({"times": (0.0, 0.2)}, "CollimatedBeams.times", "an exposure apart, at least"),
+    ({"times": (1.0, 0.0)}, "CollimatedBeams.times", "in their order before a medium that moves"),
+    ({"sub_frames": 1.5}, "CollimatedBeams.sub_frames", "whole numbers from 1 to"),
+    ({"sub_frames": 0}, "CollimatedBeams.sub_frames", "whole numbers from 1 to"),
+    ({"exposure": None, "sub_frames": 4}, "CollimatedBeams.sub_frames", "left out without an exposure"),
+    ({"medium": THIN.replace(motion=None)}, "CollimatedBeams.times", "left out before a medium that does not move"),
+    ({"medium": SCREEN}, "CollimatedBeams.times", "left out before a medium that does not move"),
+])  # fmt: skip
 def test_exposures_that_are_refused(changes, field, rule):
     with pytest.raises(RuleError, match=f"{field} must be {rule}"):
         exposed(**changes)

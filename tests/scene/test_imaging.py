@@ -79,12 +79,11 @@ def test_files_with_a_camera_are_read_before_anybody_has_asked_for_one():
     assert told.stdout.strip() == "Imaging", told.stderr
 
 
-@pytest.mark.parametrize(
-    ("field", "fields"),
-    [("Pupil.zernike", {"zernike": [0.0] * 232}), ("Pupil.measured", {"measured": np.ones(4)}),
-     ("Pupil.measured", {"measured": np.zeros((3, 3))}), ("Pupil.stop", {"stop": 1.0}),
-     ("Pupil.measured", {"measured": [[1, np.nan], [1, 1]]}), ("Pupil.waist", {"waist": 0.0})],
-)  # fmt: skip
+@pytest.mark.parametrize(("field", "fields"), [
+    ("Pupil.zernike", {"zernike": [0.0] * 232}), ("Pupil.measured", {"measured": np.ones(4)}),
+    ("Pupil.measured", {"measured": np.zeros((3, 3))}), ("Pupil.stop", {"stop": 1.0}),
+    ("Pupil.measured", {"measured": [[1, np.nan], [1, 1]]}), ("Pupil.waist", {"waist": 0.0}),
+])  # fmt: skip
 def test_bad_pupils_are_refused_by_name(field, fields):
     with pytest.raises(sg.RuleError, match=field):
         sg.Pupil(**fields)

@@ -89,15 +89,12 @@ def film(times, **changes):
     return sg.Scene(wavelength=1.0, illumination=beams, **parts)
 
 
-@pytest.mark.parametrize(
-    ("changes", "times", "field", "rule"),
-    [
-        ({"medium": SLAB}, [0.0, 1.0], "CollimatedBeams.times", "left out before a medium that does not move"),
-        ({}, [0.0, 2.0, 1.0], "CollimatedBeams.times", "in their order before a medium that moves"),
-        ({}, [-1e308, 1e308], "CollimatedBeams.times", "such that k"),
-        ({"sensor": sg.NearField([[0.0, 0.0, 150.0]])}, [0.0, 1.0], "Scene.sensor", "in the far field, for films"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "times", "field", "rule"), [
+    ({"medium": SLAB}, [0.0, 1.0], "CollimatedBeams.times", "left out before a medium that does not move"),
+    ({}, [0.0, 2.0, 1.0], "CollimatedBeams.times", "in their order before a medium that moves"),
+    ({}, [-1e308, 1e308], "CollimatedBeams.times", "such that k"),
+    ({"sensor": sg.NearField([[0.0, 0.0, 150.0]])}, [0.0, 1.0], "Scene.sensor", "in the far field, for films"),
+])  # fmt: skip
 def test_films_that_are_refused(changes, times, field, rule):
     with pytest.raises(RuleError, match=f"{field} must be {rule}"):
         film(times, **changes)

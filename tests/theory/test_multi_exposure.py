@@ -77,17 +77,14 @@ def test_examples_say_what_is_so():
     assert not found.failed
 
 
-@pytest.mark.parametrize(
-    ("asked", "words"),
-    [
-        (([0.5, 0.2], [1.0, 1.0]), "exposures must be two different ones"),
-        (([0.5, 0.2], [0.0, 1.0]), "exposures must be finite and above 0"),
-        (([0.5, 0.0], [1.0, 2.0]), "contrast_squared must be finite and above 0"),
-        (([0.5, np.nan], [1.0, 2.0]), "contrast_squared must be finite and above 0"),
-        (([0.5, 0.2, 0.1], [1.0, 2.0]), "contrast_squared must be of 2 exposures along the last axis"),
-        (("ab", [1.0, 2.0]), "contrast_squared must be an array of numbers"),
-    ],
-)
+@pytest.mark.parametrize(("asked", "words"), [
+    (([0.5, 0.2], [1.0, 1.0]), "exposures must be two different ones"),
+    (([0.5, 0.2], [0.0, 1.0]), "exposures must be finite and above 0"),
+    (([0.5, 0.0], [1.0, 2.0]), "contrast_squared must be finite and above 0"),
+    (([0.5, np.nan], [1.0, 2.0]), "contrast_squared must be finite and above 0"),
+    (([0.5, 0.2, 0.1], [1.0, 2.0]), "contrast_squared must be of 2 exposures along the last axis"),
+    (("ab", [1.0, 2.0]), "contrast_squared must be an array of numbers"),
+])  # fmt: skip
 def test_bad_input_is_named(asked, words):
     with pytest.raises(RuleError, match=words):
         multi_exposure_fit(*asked)

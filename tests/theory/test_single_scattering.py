@@ -198,17 +198,14 @@ def test_divided_differences_are_those_of_the_matrix_exponential():
     np.testing.assert_allclose(_divided_exp(f), expm(matrices)[:, 0, 3], rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"extinction": -1.0}, "box_covariance extinction must be at least 0; got -1"),
-        ({"albedo": 1.1}, "box_covariance albedo must be at most 1"),
-        ({"wavelength": np.nan}, "box_covariance wavelength must be greater than 0"),
-        ({"upper": LOWER}, "box_covariance upper must be above lower"),
-        ({"lights": (AXIS[:2], AXIS[:2])}, r"box_covariance lights must be two arrays of shape \(\.\.\., 3\)"),
-        ({"views": (2 * AXIS, AXIS)}, "box_covariance views must be unit vectors"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"extinction": -1.0}, "box_covariance extinction must be at least 0; got -1"),
+    ({"albedo": 1.1}, "box_covariance albedo must be at most 1"),
+    ({"wavelength": np.nan}, "box_covariance wavelength must be greater than 0"),
+    ({"upper": LOWER}, "box_covariance upper must be above lower"),
+    ({"lights": (AXIS[:2], AXIS[:2])}, r"box_covariance lights must be two arrays of shape \(\.\.\., 3\)"),
+    ({"views": (2 * AXIS, AXIS)}, "box_covariance views must be unit vectors"),
+])  # fmt: skip
 def test_refusals(change, message):
     right = {"lower": LOWER, "upper": UPPER, "extinction": 1.0, "wavelength": 1.0, "amplitude": one}
     right |= {"lights": (AXIS, AXIS), "views": (AXIS, AXIS)} | change

@@ -213,34 +213,31 @@ def test_examples_say_what_is_so():
     assert not found.failed
 
 
-@pytest.mark.parametrize(
-    ("ask", "words"),
-    [
-        (lambda: exposure_average(-1.0), "exposure_average y must be at least 0"),
-        (lambda: exposure_average(np.nan), "exposure_average y must be at least 0"),
-        (lambda: exposure_average("1"), "exposure_average y must be an array of numbers"),
-        (lambda: exposure_average(np.array([1j])), "exposure_average y must be an array of real numbers"),
-        (lambda: sc.exponential_contrast_squared(1.0, 1.0, beta="1"), "beta must be a number"),
-        (lambda: sc.sub_frame_contrast_squared(np.ones_like, 1.0, 2.5), "frames must be a whole number"),
-        (lambda: sc.exponential_contrast_squared(1.0, 0.0), "correlation_time must be above 0"),
-        (lambda: sc.exponential_contrast_squared(1.0, 1.0, dynamic_share=1.1), "dynamic_share must be from 0 to 1"),
-        (lambda: sc.exponential_contrast_squared(1.0, 1.0, beta=0.0), "beta must be above 0"),
-        (lambda: sc.correlation_time(-0.1, 1.0), "contrast_squared must be at least 0"),
-        (lambda: sc.correlation_time(0.1, 1.0, dynamic_share=0.0), "dynamic_share must be above 0"),
-        (lambda: sc.diffusing_contrast_squared(1.0, 1.0, gamma=-1), "gamma must be above 0"),
-        (lambda: sc.contrast_squared(lambda lag: lag[:2], 1.0), "field must be finite, one number"),
-        (lambda: sc.contrast_squared(lambda lag: lag * np.nan, 1.0), "field must be finite"),
-        (lambda: sc.class_contrast_squared([1.0], [1.0, 2.0], 1.0), "one number for each transfer"),
-        (lambda: sc.class_contrast_squared([], [], 1.0), "at least one"),
-        (lambda: sc.class_contrast_squared([1.0], [0.0], 1.0), "not all 0"),
-        (lambda: sc.class_contrast_squared([-1.0], [1.0], 1.0), "transfer must be at least 0"),
-        (lambda: sc.sub_frame_contrast_squared(np.ones_like, 1.0, 0), "frames must be at least 1"),
-        (lambda: sc.sub_frames(np.ones_like, 1.0, tolerance=0.0), "tolerance must be above 0"),
-        (lambda: sc.contrast_estimate(1.1, 10), "contrast_squared must be at most 1"),
-        (lambda: sc.contrast_estimate(0.5, 1), "grains must be finite and at least 2"),
-        (lambda: sc.motion_contrast_estimate(lambda t: np.exp(-t), 1e5, 10), "exposure must be so short"),
-    ],
-)
+@pytest.mark.parametrize(("ask", "words"), [
+    (lambda: exposure_average(-1.0), "exposure_average y must be at least 0"),
+    (lambda: exposure_average(np.nan), "exposure_average y must be at least 0"),
+    (lambda: exposure_average("1"), "exposure_average y must be an array of numbers"),
+    (lambda: exposure_average(np.array([1j])), "exposure_average y must be an array of real numbers"),
+    (lambda: sc.exponential_contrast_squared(1.0, 1.0, beta="1"), "beta must be a number"),
+    (lambda: sc.sub_frame_contrast_squared(np.ones_like, 1.0, 2.5), "frames must be a whole number"),
+    (lambda: sc.exponential_contrast_squared(1.0, 0.0), "correlation_time must be above 0"),
+    (lambda: sc.exponential_contrast_squared(1.0, 1.0, dynamic_share=1.1), "dynamic_share must be from 0 to 1"),
+    (lambda: sc.exponential_contrast_squared(1.0, 1.0, beta=0.0), "beta must be above 0"),
+    (lambda: sc.correlation_time(-0.1, 1.0), "contrast_squared must be at least 0"),
+    (lambda: sc.correlation_time(0.1, 1.0, dynamic_share=0.0), "dynamic_share must be above 0"),
+    (lambda: sc.diffusing_contrast_squared(1.0, 1.0, gamma=-1), "gamma must be above 0"),
+    (lambda: sc.contrast_squared(lambda lag: lag[:2], 1.0), "field must be finite, one number"),
+    (lambda: sc.contrast_squared(lambda lag: lag * np.nan, 1.0), "field must be finite"),
+    (lambda: sc.class_contrast_squared([1.0], [1.0, 2.0], 1.0), "one number for each transfer"),
+    (lambda: sc.class_contrast_squared([], [], 1.0), "at least one"),
+    (lambda: sc.class_contrast_squared([1.0], [0.0], 1.0), "not all 0"),
+    (lambda: sc.class_contrast_squared([-1.0], [1.0], 1.0), "transfer must be at least 0"),
+    (lambda: sc.sub_frame_contrast_squared(np.ones_like, 1.0, 0), "frames must be at least 1"),
+    (lambda: sc.sub_frames(np.ones_like, 1.0, tolerance=0.0), "tolerance must be above 0"),
+    (lambda: sc.contrast_estimate(1.1, 10), "contrast_squared must be at most 1"),
+    (lambda: sc.contrast_estimate(0.5, 1), "grains must be finite and at least 2"),
+    (lambda: sc.motion_contrast_estimate(lambda t: np.exp(-t), 1e5, 10), "exposure must be so short"),
+])  # fmt: skip
 def test_bad_input_is_named(ask, words):
     with pytest.raises(RuleError, match=words):
         ask()

@@ -220,13 +220,10 @@ def test_every_font_holds_every_character_and_no_two_outlines_are_alike():
     assert len(set(shapes)) == len(shapes) == len(FONTS) * len(CHARACTERS)
 
 
-@pytest.mark.parametrize(
-    ("family", "place", "said"),
-    [
-        (Photographs(), ("photographs", "_FILES", {name: "0" * 16 for name in PHOTOGRAPHS}), "Photographs file"),
-        (Digits(), ("digits", "_DIGEST", "0" * 16), "Digits data"),
-    ],
-)
+@pytest.mark.parametrize(("family", "place", "said"), [
+    (Photographs(), ("photographs", "_FILES", {name: "0" * 16 for name in PHOTOGRAPHS}), "Photographs file"),
+    (Digits(), ("digits", "_DIGEST", "0" * 16), "Digits data"),
+])  # fmt: skip
 def test_pictures_of_other_libraries_are_those_that_were_hashed(monkeypatch, family, place, said):
     """Another picture under the name is refused, whichever version of the library brings it."""
     if family.type == "Digits":
@@ -487,19 +484,16 @@ def _truncated(path, folder):
     path.with_suffix(".jpg").write_bytes((folder / "1.jpg").read_bytes()[:300])
 
 
-@pytest.mark.parametrize(
-    ("spoil", "name"),
-    [
-        (lambda path, _: path.with_suffix(".png").write_text("no picture"), "bad.png"),
-        (_truncated, "bad.jpg"),
-        (lambda path, _: np.save(path, np.array([[1.0, np.nan]])), "bad.npy"),
-        (lambda path, _: np.save(path, np.array([[1.0, -1.0]])), "bad.npy"),
-        (lambda path, _: np.save(path, np.zeros((4, 4))), "bad.npy"),
-        (lambda path, _: np.save(path, np.ones((4, 4, 7))), "bad.npy"),
-        (lambda path, _: np.save(path, np.array([["a"]])), "bad.npy"),
-        (lambda path, _: np.save(path, np.array([{}], dtype=object), allow_pickle=True), "bad.npy"),
-    ],
-)
+@pytest.mark.parametrize(("spoil", "name"), [
+    (lambda path, _: path.with_suffix(".png").write_text("no picture"), "bad.png"),
+    (_truncated, "bad.jpg"),
+    (lambda path, _: np.save(path, np.array([[1.0, np.nan]])), "bad.npy"),
+    (lambda path, _: np.save(path, np.array([[1.0, -1.0]])), "bad.npy"),
+    (lambda path, _: np.save(path, np.zeros((4, 4))), "bad.npy"),
+    (lambda path, _: np.save(path, np.ones((4, 4, 7))), "bad.npy"),
+    (lambda path, _: np.save(path, np.array([["a"]])), "bad.npy"),
+    (lambda path, _: np.save(path, np.array([{}], dtype=object), allow_pickle=True), "bad.npy"),
+])  # fmt: skip
 def test_an_unreadable_picture_is_named(folder, tmp_path, spoil, name):
     shutil.copy(folder / "0.png", tmp_path)
     spoil(tmp_path / "bad.npy", folder)
@@ -619,28 +613,25 @@ def test_bars_fit_their_frame_exactly():
         assert image.sum() == count * width * length
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Glyphs(size=(0.9, 0.4)), r"Glyphs\.size must be given as \(smallest, largest\)"),
-        (lambda: Glyphs(size=(0.0, 0.4)), r"Glyphs\.size\.0 must be greater than 0"),
-        (lambda: Glyphs(shape=(0, 4)), r"Glyphs\.shape\.0 must be at least 1"),
-        (lambda: Glyphs(disjoint="case"), r"Glyphs\.disjoint must be one of"),
-        (lambda: Glyphs(test="5", validation="6"), r"Glyphs\.disjoint must be \"character\" where"),
-        (lambda: Glyphs(disjoint="character", test="5"), r"Glyphs\.validation must be different characters of 0123"),
-        (lambda: Glyphs(disjoint="character", test="5I", validation="6"), r"Glyphs\.test must be different char"),
-        (lambda: Glyphs(disjoint="character", test="56", validation="6"), r"Glyphs\.test must be different char"),
-        (lambda: Families(families=()), r"Families\.families must be at least one family"),
-        (lambda: Families(families=(Points(), Bars(shape=(9, 9)))), r"Families\.families must be of the mixture's"),
-        (lambda: Families(families=(Points(),), weights=(1, 2)), r"Families\.weights must be one for each of 1"),
-        (lambda: Photographs(size=(0.5, 0.2)), r"Photographs\.size must be"),
-        (lambda: Points(count=1), r"Points\.count must be at least 2"),
-        (lambda: Points(shape=(2, 2), count=5).image(0, "train", 0), r"Points\.count must be at most"),
-        (lambda: Bars(count=(4, 2)).image(0, "train", 0), r"Bars\.count must be"),
-        (lambda: Glyphs().image(0, "dev", 0), "split must be one of"),
-        (lambda: Glyphs().image(0, "train", -1), "number must be a whole number"),
-    ],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    (lambda: Glyphs(size=(0.9, 0.4)), r"Glyphs\.size must be given as \(smallest, largest\)"),
+    (lambda: Glyphs(size=(0.0, 0.4)), r"Glyphs\.size\.0 must be greater than 0"),
+    (lambda: Glyphs(shape=(0, 4)), r"Glyphs\.shape\.0 must be at least 1"),
+    (lambda: Glyphs(disjoint="case"), r"Glyphs\.disjoint must be one of"),
+    (lambda: Glyphs(test="5", validation="6"), r"Glyphs\.disjoint must be \"character\" where"),
+    (lambda: Glyphs(disjoint="character", test="5"), r"Glyphs\.validation must be different characters of 0123"),
+    (lambda: Glyphs(disjoint="character", test="5I", validation="6"), r"Glyphs\.test must be different char"),
+    (lambda: Glyphs(disjoint="character", test="56", validation="6"), r"Glyphs\.test must be different char"),
+    (lambda: Families(families=()), r"Families\.families must be at least one family"),
+    (lambda: Families(families=(Points(), Bars(shape=(9, 9)))), r"Families\.families must be of the mixture's"),
+    (lambda: Families(families=(Points(),), weights=(1, 2)), r"Families\.weights must be one for each of 1"),
+    (lambda: Photographs(size=(0.5, 0.2)), r"Photographs\.size must be"),
+    (lambda: Points(count=1), r"Points\.count must be at least 2"),
+    (lambda: Points(shape=(2, 2), count=5).image(0, "train", 0), r"Points\.count must be at most"),
+    (lambda: Bars(count=(4, 2)).image(0, "train", 0), r"Bars\.count must be"),
+    (lambda: Glyphs().image(0, "dev", 0), "split must be one of"),
+    (lambda: Glyphs().image(0, "train", -1), "number must be a whole number"),
+])  # fmt: skip
 def test_bad_input_names_field_rule_and_value(make, message):
     with pytest.raises(ValueError, match=message):
         make()

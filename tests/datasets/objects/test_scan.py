@@ -56,14 +56,11 @@ def test_what_a_sample_tells_of_its_place_is_that_of_its_image():
     np.testing.assert_allclose(batch["object"][1], page / page.max(), atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("change", "rule"),
-    [
-        ({"step": 11}, r"Scan\.step must be at most the side of the spot, 10"),
-        ({"grid": (10**6, 10**6)}, r"Scan\.grid must be such that a page has at most"),
-        ({"of": SCAN}, r"Scan\.of must be a family of pictures"),
-    ],
-)
+@pytest.mark.parametrize(("change", "rule"), [
+    ({"step": 11}, r"Scan\.step must be at most the side of the spot, 10"),
+    ({"grid": (10**6, 10**6)}, r"Scan\.grid must be such that a page has at most"),
+    ({"of": SCAN}, r"Scan\.of must be a family of pictures"),
+])  # fmt: skip
 def test_scans_that_see_nothing_whole_are_refused(change, rule):
     with pytest.raises(RuleError, match=rule):
         Scan(**{"shape": (10, 12), "grid": (3, 5), "step": 4, "of": Points(shape=(9, 9))} | change)

@@ -183,20 +183,17 @@ def test_a_bench_leaves_fingerprints_of_recipes_without_one():
     assert recipe.replace(bench={"blur": 1.0}).fingerprint() != recipe.fingerprint()
 
 
-@pytest.mark.parametrize(
-    ("name", "changes", "message"),
-    [
-        ("tilt-stack", {"bench": {"blur": 1.0}}, "bench must be left out of recipes of this kind"),
-        ("polarised-tissue", {"bench": {"blur": 1.0}}, "bench must be left out of recipes of this kind"),
-        ("through-slab", {"exposure": {"photons": 9.0, "bit_depth": None}, "bench": {
-            "cameras": [{"photons": 1.0, "bit_depth": None}]}}, "cameras must be cameras that saturate"),
-        ("through-slab", {"bench": {"blur": -1.0}}, "blur must be from 0 to 8"),
-        ("through-slab", {"bench": {"magnification": {"uniform": [0.0, 1.0]}}}, "magnification must be from 0.5 to 2"),
-        ("through-slab", {"bench": {"cameras": [{"photons": 1.0}]}}, "cameras must be left out where there is no"),
-        ("through-slab", {"bench": {"polarisation": 0.5}, "light": {"polarised": False}}, "polarisation must be 1"),
-        ("through-slab", {"bench": {"shadow": 0.5}}, "there is no such field"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "changes", "message"), [
+    ("tilt-stack", {"bench": {"blur": 1.0}}, "bench must be left out of recipes of this kind"),
+    ("polarised-tissue", {"bench": {"blur": 1.0}}, "bench must be left out of recipes of this kind"),
+    ("through-slab", {"exposure": {"photons": 9.0, "bit_depth": None}, "bench": {
+        "cameras": [{"photons": 1.0, "bit_depth": None}]}}, "cameras must be cameras that saturate"),
+    ("through-slab", {"bench": {"blur": -1.0}}, "blur must be from 0 to 8"),
+    ("through-slab", {"bench": {"magnification": {"uniform": [0.0, 1.0]}}}, "magnification must be from 0.5 to 2"),
+    ("through-slab", {"bench": {"cameras": [{"photons": 1.0}]}}, "cameras must be left out where there is no"),
+    ("through-slab", {"bench": {"polarisation": 0.5}, "light": {"polarised": False}}, "polarisation must be 1"),
+    ("through-slab", {"bench": {"shadow": 0.5}}, "there is no such field"),
+])  # fmt: skip
 def test_what_is_not_modelled_is_refused(name, changes, message):
     with pytest.raises(RuleError, match=message):
         load_recipe(name, changes)

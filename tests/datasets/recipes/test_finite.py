@@ -38,11 +38,10 @@ class Broken(FakeRecipe):
         return sample
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [("field", r"field of sample \(.*index=7\) must be finite everywhere; got nan"), ("level", "level of .*got inf"),
-     ("parameter", "level of .*got nan"), ("infinite parameter", "level of .*got inf")],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "words"), [
+    ("field", r"field of sample \(.*index=7\) must be finite everywhere; got nan"), ("level", "level of .*got inf"),
+    ("parameter", "level of .*got nan"), ("infinite parameter", "level of .*got inf"),
+])  # fmt: skip
 def test_no_such_number_is_stored_or_streamed(tmp_path, name, words):
     recipe = Broken(name=name)
     with pytest.raises(GenerationError, match=words):
@@ -177,12 +176,10 @@ def test_tilts_beyond_a_right_angle_are_refused(tilts):
         Tilts(**tilts)
 
 
-@pytest.mark.parametrize(
-    "tilts",
-    [{"step": 0.39}, {"step": -0.39}, {"count": 1, "step": 9.0}, {"count": 2, "step": 1.1, "azimuth": np.pi / 4},
-     {"count": 2, "step": 1.2, "azimuth": {"choice": [0.0, np.pi / 2]}}],
-    ids=repr,
-)  # fmt: skip
+@pytest.mark.parametrize("tilts", [
+    {"step": 0.39}, {"step": -0.39}, {"count": 1, "step": 9.0}, {"count": 2, "step": 1.1, "azimuth": np.pi / 4},
+    {"count": 2, "step": 1.2, "azimuth": {"choice": [0.0, np.pi / 2]}},
+], ids=repr)  # fmt: skip
 def test_whatever_is_not_refused_can_be_drawn_and_is_a_beam(tilts):
     made = Tilts(**tilts)
     for seed in range(20):

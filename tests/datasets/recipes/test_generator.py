@@ -227,19 +227,16 @@ def test_slabs_in_the_atlas_and_beyond_it_share_a_batch():
         equal(SpeckleGenerator(recipe, 0)([n]), whole, slice(n, n + 1))
 
 
-@pytest.mark.parametrize(
-    ("name", "changes", "sampler", "host"),
-    [
-        ("unknown-slab", {}, "stationary", []),
-        ("through-slab", {}, "stationary", ["the memory effect of every material"]),
-        ("ground-glass", {}, "screens", ["the memory effect of every material"]),
-        ("unknown-slab", {"objects": {"type": "Points", "shape": [12, 12]}}, "stationary", ["pictures of Points"]),
-        ("masked-light-slab", {}, "stationary",
-         ["the memory effect of every material", "masks, and the waves behind them"]),
-        ("through-slab", {"window": {"width": 4000.0}, "camera": {"shape": [16, 16]}, "objects": {"shape": [6, 6]}},
-         "paths", ["the memory effect of every material", "sums over paths"]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "changes", "sampler", "host"), [
+    ("unknown-slab", {}, "stationary", []),
+    ("through-slab", {}, "stationary", ["the memory effect of every material"]),
+    ("ground-glass", {}, "screens", ["the memory effect of every material"]),
+    ("unknown-slab", {"objects": {"type": "Points", "shape": [12, 12]}}, "stationary", ["pictures of Points"]),
+    ("masked-light-slab", {}, "stationary",
+     ["the memory effect of every material", "masks, and the waves behind them"]),
+    ("through-slab", {"window": {"width": 4000.0}, "camera": {"shape": [16, 16]}, "objects": {"shape": [6, 6]}},
+     "paths", ["the memory effect of every material", "sums over paths"]),
+])  # fmt: skip
 def test_the_report_says_who_renders_and_what_the_host_does(name, changes, sampler, host):
     report = SpeckleGenerator(quick_recipe(name, 2000, **changes), 0).report()
     assert report == {"sampler": sampler, "device": "cpu", "host": host, "graphs": "none"}

@@ -62,20 +62,17 @@ def test_a_laboratory_replaces_what_it_inherits():
     assert recipe.sample(0, "train", 0)["image"].shape == (24, 24)
 
 
-@pytest.mark.parametrize(
-    ("changes", "field"),
-    [
-        ({"material": GLASS["material"]}, r"Recipe\.lab\.bandwidth"),
-        ({"material": LAYERS["material"]}, r"Recipe\.lab\.bandwidth"),
-        (LAYERS | {"lab": SMALL["lab"] | {"refractive_index": 1.4}}, r"Lab\.faces"),
-        (SKIN | {"lab": SKIN["lab"] | {"refractive_index": 1.5}}, r"Lab\.refractive_index"),
-        (SKIN | {"lab": SKIN["lab"] | {"wall": 1.5}}, r"Lab\.wall"),
-        (SKIN | {"material": {"preset": {"name": "skin", "wavelength": 0.81}, "thickness": 0.5}}, r"preset wavelength"),
-        (SKIN | {"material": {"preset": {"name": "skin", "unit": 1e-6}, "thickness": 0.5}}, r"preset unit"),
-        (GLASS | {"lab": in_micrometres(SMALL["lab"]) | {"wavelength": 532.0}}, r"LabSetup\.|Lab\."),
-        ({"camera": {"shape": [24, 24]}}, r"Recipe\.lab"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "field"), [
+    ({"material": GLASS["material"]}, r"Recipe\.lab\.bandwidth"),
+    ({"material": LAYERS["material"]}, r"Recipe\.lab\.bandwidth"),
+    (LAYERS | {"lab": SMALL["lab"] | {"refractive_index": 1.4}}, r"Lab\.faces"),
+    (SKIN | {"lab": SKIN["lab"] | {"refractive_index": 1.5}}, r"Lab\.refractive_index"),
+    (SKIN | {"lab": SKIN["lab"] | {"wall": 1.5}}, r"Lab\.wall"),
+    (SKIN | {"material": {"preset": {"name": "skin", "wavelength": 0.81}, "thickness": 0.5}}, r"preset wavelength"),
+    (SKIN | {"material": {"preset": {"name": "skin", "unit": 1e-6}, "thickness": 0.5}}, r"preset unit"),
+    (GLASS | {"lab": in_micrometres(SMALL["lab"]) | {"wavelength": 532.0}}, r"LabSetup\.|Lab\."),
+    ({"camera": {"shape": [24, 24]}}, r"Recipe\.lab"),
+])  # fmt: skip
 def test_what_cannot_be_is_refused_by_its_field(changes, field):
     with pytest.raises(RuleError, match=field):
         load_recipe("through-slab-lab", changes)

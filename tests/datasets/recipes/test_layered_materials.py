@@ -60,15 +60,12 @@ def test_layers_are_drawn_rendered_and_known_again(skin):
     assert type(recipe)(**recipe.model_dump(mode="json", exclude_none=True)).fingerprint() == recipe.fingerprint()
 
 
-@pytest.mark.parametrize(
-    ("layer", "field"),
-    [
-        ({"thickness": 0.0, "mean_free_path": 1.0, "g": 0.0}, "layers.thickness"),
-        ({"thickness": 1.0, "mean_free_path": 1.0}, "given g or scatterer"),
-        ({"thickness": 1.0, "mean_free_path": 1.0, "g": 1.0}, "layers.g"),
-        ({"thickness": 1.0, "mean_free_path": 1.0, "g": 0.5, "albedo": 1.5}, "layers.albedo"),
-    ],
-)
+@pytest.mark.parametrize(("layer", "field"), [
+    ({"thickness": 0.0, "mean_free_path": 1.0, "g": 0.0}, "layers.thickness"),
+    ({"thickness": 1.0, "mean_free_path": 1.0}, "given g or scatterer"),
+    ({"thickness": 1.0, "mean_free_path": 1.0, "g": 1.0}, "layers.g"),
+    ({"thickness": 1.0, "mean_free_path": 1.0, "g": 0.5, "albedo": 1.5}, "layers.albedo"),
+])  # fmt: skip
 def test_bad_layers_are_named(skin, layer, field):
     table = load_recipe(skin).model_dump(mode="json", exclude_none=True)
     table["material"]["layers"] = [layer]

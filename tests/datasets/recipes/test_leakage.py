@@ -108,15 +108,12 @@ def test_material_ranges_of_the_splits_do_not_meet():
 OD = "optical_depth"
 
 
-@pytest.mark.parametrize(
-    ("ranges", "message"),
-    [
-        ((OD, [5, 10], [10, 12], [14, 20]), "ranges that do not meet"),
-        ((OD, [5, 10], [6, 7], [14, 20]), "ranges that do not meet"),
-        ((OD, [5, 10], [11, 12], [14, 21]), "test must be within optical_depth, 5 to 20"),
-        (("colour", [5, 10], [11, 12], [14, 20]), "parameter must be one of"),
-    ],
-)
+@pytest.mark.parametrize(("ranges", "message"), [
+    ((OD, [5, 10], [10, 12], [14, 20]), "ranges that do not meet"),
+    ((OD, [5, 10], [6, 7], [14, 20]), "ranges that do not meet"),
+    ((OD, [5, 10], [11, 12], [14, 21]), "test must be within optical_depth, 5 to 20"),
+    (("colour", [5, 10], [11, 12], [14, 20]), "parameter must be one of"),
+])  # fmt: skip
 def test_bad_ranges_are_refused(ranges, message):
     table = dict(zip(SPLITS, ({"uniform": r} for r in ranges[1:]), strict=True)) | {"parameter": ranges[0]}
     with pytest.raises(ValueError, match=message):

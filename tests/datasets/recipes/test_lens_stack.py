@@ -72,14 +72,13 @@ def test_planes_differ_and_media_do():
     assert set(recipe.layout()) == {"stack", "focus", "parameters"}
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [({"lens": TABLE["lens"] | {"step": 0.0}}, r"Objective\.step must be other than 0"),
-     ({"lens": TABLE["lens"] | {"aperture": 0.9}}, r"Imaging\.aperture must be below 0\.7071"),
-     ({"light": {"bandwidth": 1e-3}}, r"Recipe\.light\.bandwidth must be left out"),
-     ({"sampler": "stationary"}, r"sampler must be"),
-     ({"exposure": {"photons": 100.0}}, r"Recipe\.exposure must be left out")],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"lens": TABLE["lens"] | {"step": 0.0}}, r"Objective\.step must be other than 0"),
+    ({"lens": TABLE["lens"] | {"aperture": 0.9}}, r"Imaging\.aperture must be below 0\.7071"),
+    ({"light": {"bandwidth": 1e-3}}, r"Recipe\.light\.bandwidth must be left out"),
+    ({"sampler": "stationary"}, r"sampler must be"),
+    ({"exposure": {"photons": 100.0}}, r"Recipe\.exposure must be left out"),
+])  # fmt: skip
 def test_what_the_kind_does_not_make_is_refused_by_name(changes, message):
     with pytest.raises(sg.RuleError, match=message):
         recipe_of(**changes)

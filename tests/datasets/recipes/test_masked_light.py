@@ -126,11 +126,10 @@ def test_waves_of_a_star():
                         & (radius < 0.33)]).min() > 0.7  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [({"points": 2}, "at least 3"), ({"points": 4.5}, "whole number"), ({"radius": 0.6}, "below 0.5"),
-     ({"inner": 1.2}, "below 1"), ({"inner": 0.0}, "greater than 0")],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "message"), [
+    ({"points": 2}, "at least 3"), ({"points": 4.5}, "whole number"), ({"radius": 0.6}, "below 0.5"),
+    ({"inner": 1.2}, "below 1"), ({"inner": 0.0}, "greater than 0"),
+])  # fmt: skip
 def test_stars_refused(change, message):
     with pytest.raises(RuleError, match=message):
         load_recipe("star-behind-slab", {"mask": change})
@@ -143,16 +142,13 @@ def test_it_streams():
     assert len(set(batch["parameters"]["slit_width"].tolist())) == 4
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"beams": 4}, "odd"), ({"window": {"profile": "disc"}}, "Fourier series"),
-        ({"light": {"bandwidth": 0.001}}, "one wavelength"), ({"mask": {"count": 3, "width": 0.3}}, "diagonal below 1"),
-        ({"mask": {"count": 1.5}}, "whole number"), ({"mask": {"count": {"uniform": [1, 3]}}}, "whole number"),
-        ({"mask": {"gap": 0.0}}, "greater than 0"),
-        ({"window": {"width": 4.0}, "camera": {"shape": [4, 4]}}, "sines below 1"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"beams": 4}, "odd"), ({"window": {"profile": "disc"}}, "Fourier series"),
+    ({"light": {"bandwidth": 0.001}}, "one wavelength"), ({"mask": {"count": 3, "width": 0.3}}, "diagonal below 1"),
+    ({"mask": {"count": 1.5}}, "whole number"), ({"mask": {"count": {"uniform": [1, 3]}}}, "whole number"),
+    ({"mask": {"gap": 0.0}}, "greater than 0"),
+    ({"window": {"width": 4.0}, "camera": {"shape": [4, 4]}}, "sines below 1"),
+])  # fmt: skip
 def test_refused(changes, message):
     with pytest.raises(RuleError, match=message):
         recipe(**changes).sample(0, "train", 0)

@@ -259,10 +259,9 @@ def test_materials_on_either_side_of_the_rule_are_planned_one_by_one():
     assert seen == {"paths", "stationary"}
 
 
-@pytest.mark.parametrize(
-    ("name", "more", "words"),
-    [("through-slab", {"light": {"bandwidth": 1e-4}}, "without a bandwidth"), ("dynamic-slab", {}, "without dynamics")],
-)
+@pytest.mark.parametrize(("name", "more", "words"), [
+    ("through-slab", {"light": {"bandwidth": 1e-4}}, "without a bandwidth"), ("dynamic-slab", {}, "without dynamics"),
+])  # fmt: skip
 def test_what_path_sums_do_not_model_is_refused(name, more, words):
     with pytest.raises(ValueError, match=f"Recipe must be {words} where media are rendered by path sums"):
         load_recipe(name, changed(SMALL, NARROW, more)).sample(0, "train", 0)

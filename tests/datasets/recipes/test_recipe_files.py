@@ -60,25 +60,22 @@ def test_a_file_may_bear_the_name_of_a_packaged_recipe(setup):
     assert recipe_table(heir)["kind"] == "tilt-stack"
 
 
-@pytest.mark.parametrize(
-    ("files", "says"),
-    [
-        ({"a": 'inherits = "a.toml"'}, "recipe.inherits must be free of circles"),
-        ({"a": 'inherits = "../setup/./a.toml"'}, "recipe.inherits must be free of circles"),
-        ({"a": 'inherits = "b.toml"', "b": 'inherits = "link.toml"'}, "recipe.inherits must be free of circles"),
-        ({"a": "inherits = 7"}, "recipe.inherits must be the name of a recipe or .*, or a list of them; got 7"),
-        ({"a": "[inherits]\nx = 1"}, "recipe.inherits must be the name of a recipe or the path of a TOML file"),
-        ({"a": 'inherits = "nothing"'}, "recipe must be .*nothing"),
-        ({"a": 'inherits = "tilt-stak"'}, "Did you mean tilt-stack?"),
-        ({"a": 'inherits = "\\u0000"'}, "recipe must be "),
-        ({"a": "a = " + "[" * 5000}, "nested at most 64 levels deep"),
-        ({"a": "a" + ".a" * 5000 + " = 1"}, "nested at most 64 levels deep"),
-        ({"a": "a = " + "9" * 5000}, "must be valid TOML"),
-        ({"a": "a = é".encode("latin-1")}, "recipe must be a text in UTF-8"),
-        ({"a": "kind = []"}, "recipe.kind must be one of"),
-        ({"a": ""}, "recipe.kind must be given"),
-    ],
-)
+@pytest.mark.parametrize(("files", "says"), [
+    ({"a": 'inherits = "a.toml"'}, "recipe.inherits must be free of circles"),
+    ({"a": 'inherits = "../setup/./a.toml"'}, "recipe.inherits must be free of circles"),
+    ({"a": 'inherits = "b.toml"', "b": 'inherits = "link.toml"'}, "recipe.inherits must be free of circles"),
+    ({"a": "inherits = 7"}, "recipe.inherits must be the name of a recipe or .*, or a list of them; got 7"),
+    ({"a": "[inherits]\nx = 1"}, "recipe.inherits must be the name of a recipe or the path of a TOML file"),
+    ({"a": 'inherits = "nothing"'}, "recipe must be .*nothing"),
+    ({"a": 'inherits = "tilt-stak"'}, "Did you mean tilt-stack?"),
+    ({"a": 'inherits = "\\u0000"'}, "recipe must be "),
+    ({"a": "a = " + "[" * 5000}, "nested at most 64 levels deep"),
+    ({"a": "a" + ".a" * 5000 + " = 1"}, "nested at most 64 levels deep"),
+    ({"a": "a = " + "9" * 5000}, "must be valid TOML"),
+    ({"a": "a = é".encode("latin-1")}, "recipe must be a text in UTF-8"),
+    ({"a": "kind = []"}, "recipe.kind must be one of"),
+    ({"a": ""}, "recipe.kind must be given"),
+])  # fmt: skip
 def test_a_file_that_cannot_serve_is_refused_with_the_reason(setup, files, says):
     (setup / "link.toml").symlink_to("a.toml")
     for name, text in files.items():
@@ -98,21 +95,18 @@ def test_a_row_of_heirs_has_an_end(setup):
         recipe_table(setup / "first.toml")
 
 
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"material": {"kernel_paths": 1}}, "Material.kernel_paths must be at least 64"),
-        ({"material": {"thickness": 1e300}}, "Material.thickness must be between"),
-        ({"material": {"g": 10**400}}, "Material.g must be finite"),
-        ({"mode_tolerance": 1e4}, "HiddenObject.mode_tolerance must be less than 0.5"),
-        ({"exposure": {"photons": 1e300}}, r"Camera.photons must be at most 1e\+15"),
-        ({"exposure": {"photons": 1e-12}}, "Camera.photons must be at least 6.1e-05, one photon in an image"),
-        ({"exposure": {"photons": 1.0, "gain": 1000.0}}, "Camera.photons must be enough for a count"),
-        ({"objects": "x"}, "HiddenObject.objects must be a table of fields; got 'x'"),
-        ({"samples": 3}, "HiddenObject.samples must be a table of the fields of Samples; got 3"),
-        ("x", "load_recipe changes must be a table"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "says"), [
+    ({"material": {"kernel_paths": 1}}, "Material.kernel_paths must be at least 64"),
+    ({"material": {"thickness": 1e300}}, "Material.thickness must be between"),
+    ({"material": {"g": 10**400}}, "Material.g must be finite"),
+    ({"mode_tolerance": 1e4}, "HiddenObject.mode_tolerance must be less than 0.5"),
+    ({"exposure": {"photons": 1e300}}, r"Camera.photons must be at most 1e\+15"),
+    ({"exposure": {"photons": 1e-12}}, "Camera.photons must be at least 6.1e-05, one photon in an image"),
+    ({"exposure": {"photons": 1.0, "gain": 1000.0}}, "Camera.photons must be enough for a count"),
+    ({"objects": "x"}, "HiddenObject.objects must be a table of fields; got 'x'"),
+    ({"samples": 3}, "HiddenObject.samples must be a table of the fields of Samples; got 3"),
+    ("x", "load_recipe changes must be a table"),
+])  # fmt: skip
 def test_a_field_that_cannot_serve_is_named(changes, says):
     with pytest.raises(RuleError, match=says):
         load_recipe("through-slab", changes)

@@ -175,36 +175,33 @@ def test_windows_are_fitted_to_the_object():
     assert len(recipe.plans()) == 2 * len(recipe.material.extremes())
 
 
-@pytest.mark.parametrize(
-    ("name", "changes", "message"),
-    [
-        ("unknown-slab", {"window": {"width": 5e4}}, "a length elsewhere; got 50000.0. Give one of window.width and"),
-        ("through-slab", {"window": {"width": "fitted"}}, "Give one of window.width and field.pixels"),
-        ("tilt-stack", {"window": {"width": "fitted"}}, "Give one of window.width and field.pixels"),
-        ("unknown-slab", {"field": {"pixels": 129.0}}, "ObjectField.pixels must be at most the camera's 128"),
-        ("unknown-slab", {"field": {"pixels": {"uniform": [0.0, 30.0]}}}, "greater than 0"),
-        ("through-slab", {"lab": {}}, "Lab.wavelength must be given"),
-        ("through-slab-lab", {"window": {"width": 5.0}}, "Recipe.lab must be left out where the engine's terms"),
-        ("through-slab-lab", {"material": {"wavelength": 0.5}}, "Recipe.lab must be left out"),
-        ("through-slab-lab", {"field": {"pitch": 1e-5}}, "HiddenObject.field must be given, or else a table lab"),
-        ("through-slab-lab", {"light": {"bandwidth": 1e-6}}, "Recipe.light must be without bandwidth"),
-        ("through-slab-lab", {"lab": {"pixel_pitch": 0.006}}, "LabSetup.pixel_pitch must be at most"),
-        ("through-slab-lab", {"lab": {"object_extent": 1.5}}, "LabSetup.object_extent must be at most"),
-        ("through-slab-lab", {"lab": {"aperture": 40.0, "oversampling": 8}}, "LabSetup.aperture must be at most"),
-        ("through-slab-lab", {"lab": {"bandwidth": 1e-3}}, "LabSetup.bandwidth must be at most"),
-        ("through-slab-lab", {"lab": {"focal_length": 10.0}}, "LabSetup.camera_distance must be given, or else"),
-        ("through-slab", {"light": {"bandwidth": 0.02}}, "Light.bandwidth must be at most 0.01172, which moves"),
-        ("through-slab", {"media_group": 2}, "Recipe.media_group must be 1 where media are numbered"),
-        ("through-slab", {"media": "old"}, "media must be a whole number"),
-        ("through-slab", {"exposure": {**NOISE, "oversampling": 2}}, "Recipe.exposure.oversampling must be 1"),
-        ("through-slab", {"exposure": {}}, "Camera.photons must be given"),
-        ("through-slab", {"field": {"pitch": 1e-6}}, "given by one of pitch and extent_over_range"),
-        ("through-slab", {"field": {"extent_over_range": {"uniform": [0.0, 1.0]}}}, "greater than 0"),
-        ("dynamic-slab", {"dynamics": {"correlation_time": {"uniform": [0.0, 1.0]}}}, "greater than 0"),
-        ("through-slab", {"camera": {"pixels_per_grain": 1.9}}, "CameraGrid.pixels_per_grain must be at least 2"),
-        ("through-slab", {"kind": "fog"}, "recipe.kind must be one of"),
-    ],
-)
+@pytest.mark.parametrize(("name", "changes", "message"), [
+    ("unknown-slab", {"window": {"width": 5e4}}, "a length elsewhere; got 50000.0. Give one of window.width and"),
+    ("through-slab", {"window": {"width": "fitted"}}, "Give one of window.width and field.pixels"),
+    ("tilt-stack", {"window": {"width": "fitted"}}, "Give one of window.width and field.pixels"),
+    ("unknown-slab", {"field": {"pixels": 129.0}}, "ObjectField.pixels must be at most the camera's 128"),
+    ("unknown-slab", {"field": {"pixels": {"uniform": [0.0, 30.0]}}}, "greater than 0"),
+    ("through-slab", {"lab": {}}, "Lab.wavelength must be given"),
+    ("through-slab-lab", {"window": {"width": 5.0}}, "Recipe.lab must be left out where the engine's terms"),
+    ("through-slab-lab", {"material": {"wavelength": 0.5}}, "Recipe.lab must be left out"),
+    ("through-slab-lab", {"field": {"pitch": 1e-5}}, "HiddenObject.field must be given, or else a table lab"),
+    ("through-slab-lab", {"light": {"bandwidth": 1e-6}}, "Recipe.light must be without bandwidth"),
+    ("through-slab-lab", {"lab": {"pixel_pitch": 0.006}}, "LabSetup.pixel_pitch must be at most"),
+    ("through-slab-lab", {"lab": {"object_extent": 1.5}}, "LabSetup.object_extent must be at most"),
+    ("through-slab-lab", {"lab": {"aperture": 40.0, "oversampling": 8}}, "LabSetup.aperture must be at most"),
+    ("through-slab-lab", {"lab": {"bandwidth": 1e-3}}, "LabSetup.bandwidth must be at most"),
+    ("through-slab-lab", {"lab": {"focal_length": 10.0}}, "LabSetup.camera_distance must be given, or else"),
+    ("through-slab", {"light": {"bandwidth": 0.02}}, "Light.bandwidth must be at most 0.01172, which moves"),
+    ("through-slab", {"media_group": 2}, "Recipe.media_group must be 1 where media are numbered"),
+    ("through-slab", {"media": "old"}, "media must be a whole number"),
+    ("through-slab", {"exposure": {**NOISE, "oversampling": 2}}, "Recipe.exposure.oversampling must be 1"),
+    ("through-slab", {"exposure": {}}, "Camera.photons must be given"),
+    ("through-slab", {"field": {"pitch": 1e-6}}, "given by one of pitch and extent_over_range"),
+    ("through-slab", {"field": {"extent_over_range": {"uniform": [0.0, 1.0]}}}, "greater than 0"),
+    ("dynamic-slab", {"dynamics": {"correlation_time": {"uniform": [0.0, 1.0]}}}, "greater than 0"),
+    ("through-slab", {"camera": {"pixels_per_grain": 1.9}}, "CameraGrid.pixels_per_grain must be at least 2"),
+    ("through-slab", {"kind": "fog"}, "recipe.kind must be one of"),
+])  # fmt: skip
 def test_bad_recipes_are_refused(name, changes, message):
     with pytest.raises(ValueError, match=message):
         load_recipe(name, changes)

@@ -99,17 +99,14 @@ def test_a_stack_behind_a_slab_is_seen_from_near_by():
     assert "outline_width" not in sample["parameters"]
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"field": {"extent_over_range": 0.5}}, r"ObjectField must be given by pitch alone"),
-        ({"outline": None}, r"Recipe\.outline must be given where the kind is volume-object"),
-        ({"exposure": {"photons": 1e3}}, r"Recipe\.exposure must be left out"),
-        ({"mode_tolerance": 0.02}, r"Recipe\.mode_tolerance must be left out"),
-        ({"bench": {"aperture": 1.2}}, r"Recipe\.bench must be left out"),
-        ({"material": {"wavelength": 0.5, "screens": [{"type": "GroundGlass", "angle": 0.1}]}}, "by optical_depth"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"field": {"extent_over_range": 0.5}}, r"ObjectField must be given by pitch alone"),
+    ({"outline": None}, r"Recipe\.outline must be given where the kind is volume-object"),
+    ({"exposure": {"photons": 1e3}}, r"Recipe\.exposure must be left out"),
+    ({"mode_tolerance": 0.02}, r"Recipe\.mode_tolerance must be left out"),
+    ({"bench": {"aperture": 1.2}}, r"Recipe\.bench must be left out"),
+    ({"material": {"wavelength": 0.5, "screens": [{"type": "GroundGlass", "angle": 0.1}]}}, "by optical_depth"),
+])  # fmt: skip
 def test_what_volumes_do_not_have_is_refused(changes, words):
     with pytest.raises(ValueError, match=words):
         recipe_of(**changes)

@@ -97,15 +97,12 @@ def test_stacks_have_mean_one():
         assert_mean(means / 2, 1.0, slack=slack)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"light": {"bandwidth": 1e-4}}, r"Recipe\.light\.bandwidth must be left out"),
-        ({"exposure": {"photons": 1e3}}, r"Recipe\.exposure must be left out"),
-        ({"outline": {"width": -1.0}}, r"Outline\.width must be"),
-        ({"camera": {"shape": [6, 6], "distance": 0.0}}, r"distance\s+must be|distance"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"light": {"bandwidth": 1e-4}}, r"Recipe\.light\.bandwidth must be left out"),
+    ({"exposure": {"photons": 1e3}}, r"Recipe\.exposure must be left out"),
+    ({"outline": {"width": -1.0}}, r"Outline\.width must be"),
+    ({"camera": {"shape": [6, 6], "distance": 0.0}}, r"distance\s+must be|distance"),
+])  # fmt: skip
 def test_what_volumes_do_not_have_is_refused(changes, words):
     with pytest.raises(ValueError, match=words):
         recipe_of(**changes)

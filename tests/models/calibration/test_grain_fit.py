@@ -77,15 +77,12 @@ def test_what_a_window_passes_is_its_autocorrelation():
         np.testing.assert_allclose(ours[2:, 2:], found[2:33, 2:33], atol=0.025)
 
 
-@pytest.mark.parametrize(
-    ("images", "extent", "profile", "says"),
-    [
-        (torch.ones(1, 100, 100), 32, "disc", r"fit_grain images must be of at least 128 x 64 pixels"),
-        (torch.ones(64, 64), 8, "disc", r"fit_grain images must be of shape"),
-        (torch.ones(1, 64, 64), 4, "disc", r"fit_grain extent"),
-        (torch.ones(1, 64, 64), 8, "gaussian", r"fit_grain profile"),
-    ],
-)
+@pytest.mark.parametrize(("images", "extent", "profile", "says"), [
+    (torch.ones(1, 100, 100), 32, "disc", r"fit_grain images must be of at least 128 x 64 pixels"),
+    (torch.ones(64, 64), 8, "disc", r"fit_grain images must be of shape"),
+    (torch.ones(1, 64, 64), 4, "disc", r"fit_grain extent"),
+    (torch.ones(1, 64, 64), 8, "gaussian", r"fit_grain profile"),
+])  # fmt: skip
 def test_what_cannot_be_told_is_refused(images, extent, profile, says):
     with pytest.raises(RuleError, match=says):
         fit_grain(images, extent, profile)

@@ -39,10 +39,9 @@ def test_the_memory_effect_is_that_of_the_atlas(slab):
     np.testing.assert_allclose(seen(EVERYTHING[0], *slab), expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("depth", "g", "albedo"),
-    [(5.3, 0.83, 0.999), (2.1, 0.3, 0.97), (17.0, 0.7, 1.0), (0.7, -0.3, 0.9), (40.0, 0.9, 0.999)],
-)
+@pytest.mark.parametrize(("depth", "g", "albedo"), [
+    (5.3, 0.83, 0.999), (2.1, 0.3, 0.97), (17.0, 0.7, 1.0), (0.7, -0.3, 0.9), (40.0, 0.9, 0.999),
+])  # fmt: skip
 def test_transmittance_is_that_of_adding_and_doubling(depth, g, albedo):
     """Cubic interpolation of its logarithm between nodes of the table: 2e-4, found at its worst."""
     expected = adding_doubling(depth, albedo=albedo, g=g).transmittance

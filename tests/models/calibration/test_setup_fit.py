@@ -132,15 +132,12 @@ def test_it_is_seen_told_and_used():
     assert (optics.step, optics.grain, optics.profile, optics.pixel_integration) == (2.0, found.grain, "disc", False)
 
 
-@pytest.mark.parametrize(
-    ("changes", "rule"),
-    [
-        ({"photographs": np.ones((40, 40))}, "of speckle"),
-        ({"photographs": speckle(0, 1, 64, 4.0)}, "9 tiles of"),
-        ({"profile": "round"}, "fit_setup profile must be"),
-        ({"pixel_integration": 1}, "fit_setup pixel_integration must be"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "rule"), [
+    ({"photographs": np.ones((40, 40))}, "of speckle"),
+    ({"photographs": speckle(0, 1, 64, 4.0)}, "9 tiles of"),
+    ({"profile": "round"}, "fit_setup profile must be"),
+    ({"pixel_integration": 1}, "fit_setup pixel_integration must be"),
+])  # fmt: skip
 def test_what_is_refused(changes, rule):
     with pytest.raises(RuleError, match=rule):
         sg.fit_setup(**{"photographs": speckle(0, 1, 128, 2.0), "envelope": None} | changes)

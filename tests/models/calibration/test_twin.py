@@ -119,11 +119,10 @@ def test_range_and_displacement_are_named():
     assert "out of focus" in next(each.cause for each in found if each.name == "displacement")
 
 
-@pytest.mark.parametrize(
-    ("change", "name", "cause"),
-    [({"lit": 0.5}, "contrast", "analyser forgotten"), ({"profile": "square"}, "spectrum", "shape of the iris"),
-     ({"grain": 3.7}, "grain", "narrower iris")],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "name", "cause"), [
+    ({"lit": 0.5}, "contrast", "analyser forgotten"), ({"profile": "square"}, "spectrum", "shape of the iris"),
+    ({"grain": 3.7}, "grain", "narrower iris"),
+])  # fmt: skip
 def test_other_setups_are_told_and_named(change, name, cause):
     theirs = SETUP._replace(**change).draw((64, 64), 16, 11)[:, None]
     chance, found = judged(theirs, SETUP.draw((64, 64), 48, 12)[:, None])
@@ -184,14 +183,11 @@ def test_the_written_recipe_renders():
     assert recipe.sample(0, "train", 0)["image"].shape == (96, 96)
 
 
-@pytest.mark.parametrize(
-    ("changes", "rule"),
-    [
-        ({"images": 4}, "twin images must be"), ({"seed": -1}, "twin seed must be"),
-        ({"recipe": "tilt-stack"}, "whole stacks of 5 frames"),
-        ({"recipe": "through-slab"}, "at least 128 x 128 pixels"), ({"recipe": "no-such-recipe"}, "no-such-recipe"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "rule"), [
+    ({"images": 4}, "twin images must be"), ({"seed": -1}, "twin seed must be"),
+    ({"recipe": "tilt-stack"}, "whole stacks of 5 frames"), ({"recipe": "through-slab"}, "at least 128 x 128 pixels"),
+    ({"recipe": "no-such-recipe"}, "no-such-recipe"),
+])  # fmt: skip
 def test_what_is_refused(changes, rule):
     with pytest.raises(RuleError, match=rule):
         sg.twin(**{"photographs": SETUP.draw((96, 96), 1, 0)} | changes)

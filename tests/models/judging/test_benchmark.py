@@ -138,14 +138,11 @@ def test_the_memory_effect_is_over_object_pixels(thin, batch):
                                atol=1e-3)  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("answer", "said"),
-    [
-        (lambda b: b["image"][:, :65, :65], r"real\[2, n, n\], n at most 64; got 'torch.float32\[2, 65, 65\]'"),
-        (lambda b: b["image"][:1, :28, :28], r"\[1, 28, 28\]"), (lambda b: b["object"][0], r"\[28, 28\]"),
-        (lambda b: b["object"] * 1j, r"complex64"), (lambda b: b["object"] / 0, "finite"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("answer", "said"), [
+    (lambda b: b["image"][:, :65, :65], r"real\[2, n, n\], n at most 64; got 'torch.float32\[2, 65, 65\]'"),
+    (lambda b: b["image"][:1, :28, :28], r"\[1, 28, 28\]"), (lambda b: b["object"][0], r"\[28, 28\]"),
+    (lambda b: b["object"] * 1j, r"complex64"), (lambda b: b["object"] / 0, "finite"),
+])  # fmt: skip
 def test_what_is_no_answer_is_a_failure_that_is_named_and_scored(answer, said):
     results = benchmark({"mine": answer}, tasks=["thin"], samples=2)
     (failure,) = results.failures
@@ -177,14 +174,11 @@ def hungry(batch):
     return torch.ones(2**30, dtype=torch.float64)[: len(batch["object"])]
 
 
-@pytest.mark.parametrize(
-    ("function", "said"),
-    [
-        (lambda batch: time.sleep(60), "took longer than 2 s"), (hungry, "memory|allocate"),
-        (lambda batch: os._exit(3), "its process died, exit code 3"),
-        (lambda batch: 1 / 0, "ZeroDivisionError: division by zero"), (lambda batch: sys.exit(), "SystemExit"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("function", "said"), [
+    (lambda batch: time.sleep(60), "took longer than 2 s"), (hungry, "memory|allocate"),
+    (lambda batch: os._exit(3), "its process died, exit code 3"),
+    (lambda batch: 1 / 0, "ZeroDivisionError: division by zero"), (lambda batch: sys.exit(), "SystemExit"),
+])  # fmt: skip
 def test_a_function_fails_alone(function, said):
     """For the batch that it does not answer; the others go on, and so does the next batch."""
     calls = itertools.count()
@@ -222,19 +216,16 @@ def test_answers_are_a_file(found, tmp_path):
         np.testing.assert_array_equal(answers["thin/even/1"], results.answers["thin", "even"][1])
 
 
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"baselines": ["Kats"]}, "benchmark baselines must be among mean image, Katz"),
-        ({"tasks": ["thick"]}, "benchmark task must be one of unseen media"),
-        ({"tasks": ["thin", "thin"]}, "at least one, each once"),
-        ({"samples": 1}, "at least 2 and at most 112; got 1"),
-        ({"samples": 113}, "at most 112; got 113"),
-        ({"samples": SAMPLES + 1, "tasks": ["thin"]}, f"at most {SAMPLES}; got {SAMPLES + 1}"),
-        ({"functions": {}, "baselines": ["multiframe"], "tasks": ["thin"]}, "one that is of the task 'thin'"),
-        ({"functions": {}}, "at least one, or a baseline"),
-    ],
-)
+@pytest.mark.parametrize(("wrong", "said"), [
+    ({"baselines": ["Kats"]}, "benchmark baselines must be among mean image, Katz"),
+    ({"tasks": ["thick"]}, "benchmark task must be one of unseen media"),
+    ({"tasks": ["thin", "thin"]}, "at least one, each once"),
+    ({"samples": 1}, "at least 2 and at most 112; got 1"),
+    ({"samples": 113}, "at most 112; got 113"),
+    ({"samples": SAMPLES + 1, "tasks": ["thin"]}, f"at most {SAMPLES}; got {SAMPLES + 1}"),
+    ({"functions": {}, "baselines": ["multiframe"], "tasks": ["thin"]}, "one that is of the task 'thin'"),
+    ({"functions": {}}, "at least one, or a baseline"),
+])  # fmt: skip
 def test_what_cannot_be_run_is_refused(wrong, said):
     with pytest.raises(RuleError, match=said):
         benchmark(**{"functions": lambda batch: batch["object"], **wrong})

@@ -182,15 +182,12 @@ def test_nothing_to_judge_is_refused(batch):
         evaluation.evaluate({"any": untouched}, [film])
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--samples", "1"], "--samples must be enough for two media"),
-        (["--set", "media=1"], "--samples must be enough for two media"),
-        (["--recipe", "dynamic-slab"], "--recipe must be one with one image of each object"),
-        (["nowhere/best.pt"], "model must be a file"),
-    ],
-)
+@pytest.mark.parametrize(("words", "message"), [
+    (["--samples", "1"], "--samples must be enough for two media"),
+    (["--set", "media=1"], "--samples must be enough for two media"),
+    (["--recipe", "dynamic-slab"], "--recipe must be one with one image of each object"),
+    (["nowhere/best.pt"], "model must be a file"),
+])  # fmt: skip
 def test_bad_evaluations_are_refused_before_any_image(words, message, monkeypatch, tmp_path):
     monkeypatch.setattr(examples, "batches_of", lambda *_: pytest.fail("the work began"))
     said = CliRunner().invoke(commands.app, ["evaluate", "--out", str(tmp_path), *words])

@@ -226,17 +226,14 @@ def test_a_network_learns_from_the_law_alone(small, tmp_path):
     assert scores[1].mean() > scores[0].mean()
 
 
-@pytest.mark.parametrize(
-    ("name", "changes", "message"),
-    [
-        ("registered-tilts", {}, r"ByLaw\.recipe must be of kind .*tilts"),
-        ("dynamic-slab", {}, r"ByLaw\.recipe must be of kind"),
-        ("through-slab", {"exposure": {"photons": 10.0}}, r"exposure must be left out"),
-        ("through-slab", {"light": {"bandwidth": 1e-3}}, r"bandwidth must be 0"),
-        ("through-slab", {"window": {"profile": "gaussian"}}, r"profile must be square or disc"),
-        ("through-slab", {"sampler": "convolution"}, r"sampler must be one by which"),
-    ],
-)
+@pytest.mark.parametrize(("name", "changes", "message"), [
+    ("registered-tilts", {}, r"ByLaw\.recipe must be of kind .*tilts"),
+    ("dynamic-slab", {}, r"ByLaw\.recipe must be of kind"),
+    ("through-slab", {"exposure": {"photons": 10.0}}, r"exposure must be left out"),
+    ("through-slab", {"light": {"bandwidth": 1e-3}}, r"bandwidth must be 0"),
+    ("through-slab", {"window": {"profile": "gaussian"}}, r"profile must be square or disc"),
+    ("through-slab", {"sampler": "convolution"}, r"sampler must be one by which"),
+])  # fmt: skip
 def test_what_has_no_law_is_refused(name, changes, message):
     with pytest.raises(RuleError, match=message):
         ByLaw(load_recipe(name, changes))

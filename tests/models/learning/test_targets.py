@@ -117,16 +117,13 @@ def test_labels_are_learned_from_a_stream_and_told(tmp_path):
         inputs.network_input(batch, "registered")
 
 
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"input": "registered"}, r"Training\.input must be one of autocorrelation, periodogram, camera .*perceptron"),
-        ({"network": "perceptron"}, r"Training\.input must be one of registered"),
-        ({"target": "label"}, r"Training\.target must be one of object .*dense, residual"),
-        ({"target": "material"}, r"Training\.target must be one of object .*perceptron"),
-        ({"target": "label", "network": "dense", "mirror": True}, r"Training\.mirror must be false"),
-    ],
-)
+@pytest.mark.parametrize(("fields", "message"), [
+    ({"input": "registered"}, r"Training\.input must be one of autocorrelation, periodogram, camera .*perceptron"),
+    ({"network": "perceptron"}, r"Training\.input must be one of registered"),
+    ({"target": "label"}, r"Training\.target must be one of object .*dense, residual"),
+    ({"target": "material"}, r"Training\.target must be one of object .*perceptron"),
+    ({"target": "label", "network": "dense", "mirror": True}, r"Training\.mirror must be false"),
+])  # fmt: skip
 def test_settings_that_do_not_go_together_are_refused(fields, message):
     with pytest.raises(RuleError, match=message):
         Training(**fields)

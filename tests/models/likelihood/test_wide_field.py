@@ -123,18 +123,15 @@ def test_it_is_a_function_of_its_seed_alone(seen, monkeypatch):
         assert torch.equal(found.cpu(), first.image), name
 
 
-@pytest.mark.parametrize(
-    ("change", "rule"),
-    [
-        ({"spot": torch.zeros(8, 8)}, r"scanned_object spot must be"),
-        ({"places": torch.zeros(8, 2)}, r"scanned_object places must be int64\[8, 2\]"),
-        ({"places": torch.full((8, 2), -1)}, r"scanned_object places must be"),
-        ({"memory_effect": torch.ones(8, 8)}, r"scanned_object memory_effect must be of shape \(15, 15\)"),
-        ({"light": torch.zeros(8)}, r"scanned_object light must be 8 numbers above 0"),
-        ({"images": torch.rand(64, 64)}, r"scanned_object images must be of shape"),
-        ({"starts": 0}, r"scanned_object starts must be"),
-    ],
-)
+@pytest.mark.parametrize(("change", "rule"), [
+    ({"spot": torch.zeros(8, 8)}, r"scanned_object spot must be"),
+    ({"places": torch.zeros(8, 2)}, r"scanned_object places must be int64\[8, 2\]"),
+    ({"places": torch.full((8, 2), -1)}, r"scanned_object places must be"),
+    ({"memory_effect": torch.ones(8, 8)}, r"scanned_object memory_effect must be of shape \(15, 15\)"),
+    ({"light": torch.zeros(8)}, r"scanned_object light must be 8 numbers above 0"),
+    ({"images": torch.rand(64, 64)}, r"scanned_object images must be of shape"),
+    ({"starts": 0}, r"scanned_object starts must be"),
+])  # fmt: skip
 def test_bad_arguments_are_refused(seen, change, rule):
     with pytest.raises(RuleError, match=rule):
         scanned_object(**given(seen[1]) | change)

@@ -127,14 +127,11 @@ def test_a_complex_object_is_named_when_nothing_else_is_wrong():
     assert "caution: complexity outside" in judge(crowd).explain()
 
 
-@pytest.mark.parametrize(
-    ("field", "worsening"),
-    [
-        ("camera", [200.0, 100.0, 50.0, 25.0]), ("frames", [9.0, 4.0, 1.0]),
-        ("electrons", [float("inf"), 100.0, 10.0, 1.0, 0.1]), ("saturation", [float("inf"), 1.5, 0.8, 0.4]),
-        ("beam", [float("inf"), 0.4, 0.2, 0.1]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("field", "worsening"), [
+    ("camera", [200.0, 100.0, 50.0, 25.0]), ("frames", [9.0, 4.0, 1.0]),
+    ("electrons", [float("inf"), 100.0, 10.0, 1.0, 0.1]), ("saturation", [float("inf"), 1.5, 0.8, 0.4]),
+    ("beam", [float("inf"), 0.4, 0.2, 0.1]),
+])  # fmt: skip
 def test_worse_conditions_are_never_better(field, worsening):
     found = [judge(scene(**{field: value})).probability for value in worsening]
     assert (np.diff(found) < 0).all()
@@ -389,14 +386,11 @@ def test_the_table_has_power():
     assert found.right < found.n / 2
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"objects": np.zeros((1, 4, 4))}, "Conditions.objects must be"),
-        ({"memory_effect": [0.9]}, "Conditions.memory_effect must be"), ({"camera": 0.0}, "Conditions.camera must be"),
-        ({"contrast": 1.5}, "Conditions.contrast must be"), ({"electrons": 0.0}, "Conditions.electrons must be"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"objects": np.zeros((1, 4, 4))}, "Conditions.objects must be"),
+    ({"memory_effect": [0.9]}, "Conditions.memory_effect must be"), ({"camera": 0.0}, "Conditions.camera must be"),
+    ({"contrast": 1.5}, "Conditions.contrast must be"), ({"electrons": 0.0}, "Conditions.electrons must be"),
+])  # fmt: skip
 def test_errors(changes, message):
     with pytest.raises(RuleError, match=message):
         scene(**changes)

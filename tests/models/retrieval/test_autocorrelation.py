@@ -166,10 +166,9 @@ def test_a_diffraction_limited_point_is_nowhere_negative():
     assert image.argmax() == 2 * 32 + 2
 
 
-@pytest.mark.parametrize(
-    ("images", "window"),
-    [(torch.ones(1, 20, 20), 15), (torch.ones(1, 9, 20), 16), (torch.zeros(1, 20, 20), 16), (torch.ones(20, 20), 16)],
-)
+@pytest.mark.parametrize(("images", "window"), [
+    (torch.ones(1, 20, 20), 15), (torch.ones(1, 9, 20), 16), (torch.zeros(1, 20, 20), 16), (torch.ones(20, 20), 16),
+])  # fmt: skip
 def test_bad_images_are_refused(images, window):
     with pytest.raises(RuleError):
         autocorrelation(images, window)

@@ -85,13 +85,10 @@ def test_the_sagitta_is_that_of_unit_vectors():
         np.testing.assert_allclose(sagitta(steps, middle), expected.astype(float), rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("angle", "tolerance", "g", "optical_depth", "albedo"),
-    [
-        (5.0, 1e-3, 0.9, 10.0, 1.0), (10.0, 1e-3, 0.9, 10.0, 1.0), (20.0, 1e-3, 0.9, 10.0, 1.0),
-        (10.0, 1e-6, 0.9, 10.0, 0.9), (20.0, 1e-3, 0.0, 2.0, 0.8),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("angle", "tolerance", "g", "optical_depth", "albedo"), [
+    (5.0, 1e-3, 0.9, 10.0, 1.0), (10.0, 1e-3, 0.9, 10.0, 1.0), (20.0, 1e-3, 0.9, 10.0, 1.0),
+    (10.0, 1e-6, 0.9, 10.0, 0.9), (20.0, 1e-3, 0.0, 2.0, 0.8),
+])  # fmt: skip
 def test_tiles_are_the_direct_sum_within_the_tolerance(angle, tolerance, g, optical_depth, albedo):
     grid = wide(angle, (40, 27))
     side = int(40 / angle * (1.0 if tolerance == 1e-3 else 0.5)) + 1  # a degree or half of one

@@ -176,18 +176,15 @@ LENS = sg.Imaging(shape=(4, 4), pitch=0.5, aperture=0.2)
 POINT = sg.NearField([[0.0, 0.0, 200.0]])
 
 
-@pytest.mark.parametrize(
-    ("scene", "options", "rule"),
-    [
-        (lambda: scene_of(TWO, sensor=ASIDE), {"sampler": "stationary"}, 'sampler must be "paths" or "auto"'),
-        (lambda: scene_of(TWO, sensor=BACK), {"sampler": "stationary"}, 'sampler must be "paths" or "auto"'),
-        (lambda: scene_of(BELOW_AIR, 450.0), {}, "directions must be of sines below 0.8, where light crosses"),
-        (lambda: scene_of(moving_two(), times=[0.0, 0.1, 0.2]), {"sampler": "paths"}, "Layers.motion must be none"),
-        (lambda: scene_of(TWO, sensor=LENS), {}, "Layers.layers must be of one index before a lens"),
-        (lambda: scene_of(TWO, sensor=POINT), {}, "Layers.layers must be of one index, unless"),
-        (lambda: scene_of(BY_FACES, sensor=POINT), {}, "Layers.faces must be matched, unless"),
-    ],
-)
+@pytest.mark.parametrize(("scene", "options", "rule"), [
+    (lambda: scene_of(TWO, sensor=ASIDE), {"sampler": "stationary"}, 'sampler must be "paths" or "auto"'),
+    (lambda: scene_of(TWO, sensor=BACK), {"sampler": "stationary"}, 'sampler must be "paths" or "auto"'),
+    (lambda: scene_of(BELOW_AIR, 450.0), {}, "directions must be of sines below 0.8, where light crosses"),
+    (lambda: scene_of(moving_two(), times=[0.0, 0.1, 0.2]), {"sampler": "paths"}, "Layers.motion must be none"),
+    (lambda: scene_of(TWO, sensor=LENS), {}, "Layers.layers must be of one index before a lens"),
+    (lambda: scene_of(TWO, sensor=POINT), {}, "Layers.layers must be of one index, unless"),
+    (lambda: scene_of(BY_FACES, sensor=POINT), {}, "Layers.faces must be matched, unless"),
+])  # fmt: skip
 def test_what_nothing_serves_is_refused(scene, options, rule):
     with pytest.raises(sg.RuleError, match=rule):
         sg.plan(scene(), paths=1000, **options)
