@@ -235,7 +235,7 @@ class DynamicSlab(HiddenObject):
         first = int(np.argmax(known <= 0))
         if first == 0:
             return 0.0  # below the first of the times, 2e-9 of a frame
-        log_time = optimize.root_scalar(lambda t: excess([t])[0], bracket=_LOG_TIMES[first - 1 : first + 1]).root
+        log_time = optimize.root_scalar(lambda t: excess([t])[0], bracket=tuple(_LOG_TIMES[first - 1 : first + 1])).root
         return float(np.exp(log_time))
 
     def frames_correlation(self, ready: Medium) -> np.ndarray:

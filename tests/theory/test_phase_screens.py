@@ -109,7 +109,8 @@ def test_views_far_outside_all_lobes(sine):
     pair = sg.ScreenStack(screens=(weak, smooth, weak), gaps=(800.0, 0.0))
     terms, ways, view = lobes(pair, 1.0), tilt_ways(pair, np.array([1e-3, 0])), np.array([sine, 0])
     variance, mean = terms.spreads(ways)
-    weight = terms.shares / terms.variances * np.exp(-0.5 * np.longdouble(sine) ** 2 / terms.variances)
+    variances = terms.variances.astype(np.longdouble)
+    weight = terms.shares / variances * np.exp(-0.5 * sine**2 / variances)
     value = np.exp(-0.5 * K**2 * variance - 1j * K * mean[:, 0] * sine)
     assert terms.correlation(view, ways) == pytest.approx(complex(weight @ value / weight.sum()), rel=1e-11)
 

@@ -40,6 +40,8 @@ _RANKS_AT_ONCE = 4  # skeleton views that share a transform's plan, one after th
 _SORT_FROM = 2**19  # bytes of a transform that no longer stays in the cache: finufft then sorts the points first
 _FACTOR_SHARE = 0.7  # of the tolerance for view factors; transforms are asked for the rest
 _SINGLE_PRECISION_FROM = 1e-4  # complex64 carries tolerances down to here
+_KERNEL = 8  # finufft's number of its prolate kernel
+_FINE_GRID_BELOW = 1e-9  # tolerance of a transform up to which its grid is 2 times as fine, not 1.25 times
 
 
 @dataclass(frozen=True)
@@ -324,11 +326,13 @@ def _tile_field(layout: Layout, lights: list[_Light], tile: Tile, summation: Nuf
 
 def _transform(load: _Load, ranks: slice, tilts: slice, summation: NufftPlan) -> np.ndarray:
     """What the connections add to some terms of the field of some tilts, complex[tilts, h, w]."""
-    dtype, shape = np.dtype(summation.dtype), summation.tiling.shape
+    dtype, shape, tolerance = np.dtype(summation.dtype), summation.tiling.shape, 0.3 * summation.tolerance
     strengths = load.light.strengths[tilts]
+    # Kernel and upsampling are those that finufft 2.5 chooses by itself: another choice differs by the tolerance.
     plan = finufft.Plan(
-        1, shape, n_trans=len(strengths), eps=0.3 * summation.tolerance, isign=-1, dtype=dtype.name,
-        nthreads=1, spread_sort=int(np.prod(shape) * dtype.itemsize > _SORT_FROM),
+        1, shape, n_trans=len(strengths), eps=tolerance, isign=-1, dtype=dtype.name, nthreads=1,
+        spread_sort=int(np.prod(shape) * dtype.itemsize > _SORT_FROM), spread_kerformula=_KERNEL,
+        upsampfac=2.0 if tolerance <= _FINE_GRID_BELOW else 1.25,
     )  # fmt: skip
     plan.setpts(*load.points)
     total = np.zeros((len(strengths), *shape), dtype)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 from zscore import assert_z
 
 import specklegen as sg
@@ -36,7 +37,7 @@ def expected_power(stack):
     """What leaves the stack: the integral of its lobe and the unscattered light."""
     sines = np.linspace(0, 1, 20001)
     lobe = lobes(stack, 1.0).density(sines)
-    return np.trapezoid(2 * np.pi * sines * lobe, sines) + np.exp(-stack.optical_depth(1.0))
+    return trapezoid(2 * np.pi * sines * lobe, sines) + np.exp(-stack.optical_depth(1.0))
 
 
 def test_what_a_slab_holds_back_is_stated_against_adding_and_doubling():
