@@ -13,7 +13,7 @@ from multiprocessing.context import BaseContext
 from specklegen.core.parallel import run_serial_in_this_process
 
 PRELOAD = [
-    "torch", "zarr", "numba", "specklegen.datasets.workers", "specklegen.datasets.store.generate",
+    "torch", "numba", "specklegen.datasets.workers", "specklegen.datasets.store.generate",
     "specklegen.datasets.recipes.registry", "specklegen.datasets.recipes.generator",
 ]  # fmt: skip
 """What every worker of a recipe would import by itself; its only threads are those of OpenBLAS, ended before a fork."""

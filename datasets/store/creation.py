@@ -7,7 +7,6 @@ begun the store; the record comes last, and others wait for it, or put all of it
 """
 
 import json
-import tempfile
 import time
 from collections.abc import Mapping
 from contextlib import nullcontext
@@ -20,9 +19,9 @@ from specklegen.core.libraries import library_versions
 from specklegen.core.whole_files import making, sweep, unfinished
 from specklegen.datasets.sample_schema import Renderable
 from specklegen.datasets.store import file_names, metadata
-from specklegen.datasets.store.files import writing
+from specklegen.datasets.store.files import json_bytes, writing
 from specklegen.datasets.store.identity import differences, fingerprint, identity
-from specklegen.datasets.store.layout import Layout, layout_of, rendering_note, write_empty
+from specklegen.datasets.store.layout import layout_of, rendering_note
 from specklegen.datasets.store.locks import LOOK, OLD, claim
 from specklegen.datasets.store.places import is_remote, put_new
 from specklegen.datasets.store.store import METADATA, Store
@@ -75,7 +74,7 @@ def open_for(
         sweep(unfinished(folder))
         if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
             _create(recipe, wanted, folder, samples, shard_samples, notes)
-    store = Store(folder, writable=True)
+    store = Store(folder)
     require_same(store, wanted)
     metadata.require_bounded("generate.samples", max(samples, store.samples), store.shard_samples)
     grows = samples > store.samples
@@ -154,7 +153,7 @@ def grown(store: Store, samples: int) -> Store:
             now.replace(samples=wanted, room=wanted).write(store.folder)
             now = metadata.recorded(store.folder) or now
             wanted = metadata.disagreed(store.folder, now)  # whoever writes last finds what the others wrote
-    return Store(store.folder, writable=True)
+    return Store(store.folder)
 
 
 def mend_metadata(folder: Path, recipe: Renderable) -> str:
@@ -177,17 +176,15 @@ def mend_metadata(folder: Path, recipe: Renderable) -> str:
         there = attributes["identity"]
         wanted = identity(recipe, there["seed"], there["split"], there["dtype"])
         _require_same(folder, attributes, wanted)
-        _write_all(folder, layout_of(recipe, wanted, samples, attributes["shard_samples"], attributes["notes"]))
+        _write_all(folder, layout_of(recipe, wanted, samples, attributes["shard_samples"], attributes["notes"]), recipe)
         return damage
 
 
-def _write_all(folder: Path, layout: Layout) -> None:
+def _write_all(folder: Path, layout: metadata.Metadata, recipe: Renderable) -> None:
     """Write all metadata of a store into its place, the record last."""
-    with tempfile.TemporaryDirectory() as temporary:
-        record = write_empty(Path(temporary), layout)
-    record.write_arrays(folder, layout.samples)
-    file_names.write(folder, layout.file_names)
-    record.write(folder)
+    layout.write_arrays(folder, layout.samples)
+    file_names.write(folder, getattr(recipe, "file_names", ()))
+    layout.write(folder)
 
 
 def _with_parent(file: Path) -> Path:
@@ -208,7 +205,7 @@ def _create(
     with writing(folder):
         try:
             with making(folder) as temporary:
-                write_empty(temporary, layout)
+                _write_all(temporary, layout, recipe)
         except FileExistsError:
             if not metadata.is_store(folder):
                 raise
@@ -223,9 +220,7 @@ def _begin(
     with writing(folder):
         if not group.exists() and any(True for _ in folder.fs.find(folder.path, maxdepth=2)):
             return  # of somebody else: refused by whoever opens it
-        with tempfile.TemporaryDirectory() as temporary:
-            write_empty(Path(temporary), layout)
-            first = put_new(group, (Path(temporary) / "zarr.json").read_bytes())
+        first = put_new(group, json_bytes(layout.files["zarr.json"]))
         end = time.time() + (0 if first else OLD)
         while time.time() < end and metadata.recorded(folder) is None:
             time.sleep(LOOK)
@@ -237,4 +232,4 @@ def _begin(
                 return
             _require_same(folder, attributes, wanted)
             layout = layout_of(recipe, wanted, samples, attributes["shard_samples"], attributes["notes"])
-        _write_all(folder, layout)
+        _write_all(folder, layout, recipe)

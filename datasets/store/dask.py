@@ -130,7 +130,7 @@ def fill(
     with _ONE_AT_A_TIME:
         if os.getpid() != caller:  # not a cluster of threads in the process that called generate
             prepare_worker()
-        store, loaded = Store(folder, writable=True), pickle.loads(recipe)
+        store, loaded = Store(folder), pickle.loads(recipe)
         store.require(fingerprint)
         stated = store.attributes["identity"]
         require_same(store, identity(loaded, stated["seed"], stated["split"], stated["dtype"]))

@@ -231,7 +231,7 @@ def _start_worker(folder: Path, samples: int, fingerprint: str, recipe: bytes) -
     global _job
     end_with_parent()
     prepare_worker()
-    store = Store(folder, writable=True)
+    store = Store(folder)
     if store.fingerprint == fingerprint:  # others may be growing it, to other lengths
         store = grown(store, samples)
     _job = store, pickle.loads(recipe), fingerprint

@@ -106,17 +106,6 @@ def is_store(folder: Path) -> bool:
     return (folder / "zarr.json").is_file() or _record(folder).is_file()
 
 
-def record_of(folder: Path, samples: int) -> Metadata:
-    """Take the metadata of a store that was just made, as its files state them."""
-    names = ["zarr.json", *sorted(f"{file.parent.name}/zarr.json" for file in folder.glob("*/zarr.json"))]
-    files = {name: _without_length(name, json.loads((folder / name).read_bytes())) for name in names}
-    return Metadata(samples, samples, files)
-
-
-def _without_length(name: str, said: dict[str, Any]) -> dict[str, Any]:
-    return said | {"shape": [None, *said["shape"][1:]]} if "/" in name else said
-
-
 def recorded(folder: Path) -> Metadata | None:
     """Read the record of a store; None if it is not there, or not as it was written."""
     return _parsed(_bytes(_record(folder)))

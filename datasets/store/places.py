@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from specklegen.core.errors import reject
-from specklegen.core.whole_files import write_whole
+from specklegen.core.whole_files import patiently, write_whole
 
 
 class File(Protocol):
@@ -56,13 +56,24 @@ def is_remote(folder: Any) -> bool:
     return getattr(folder, "protocol", "") not in ("", "file", "local")
 
 
-def put(file: Any, data: bytes) -> None:
-    """Write a file so that it is there whole, as it was before, or not at all; folders are made."""
+def put(file: Any, data: bytes, *, sweeping: bool = True) -> None:
+    """Write a file so that it is there whole, as it was before, or not at all; folders are made.
+
+    ``sweeping`` looks for what the dead left of it, which takes a look through its folder.
+    """
     if is_remote(file):
         file.fs.pipe_file(file.path, data)
     else:
-        file.parent.mkdir(exist_ok=True)
-        write_whole(file, data)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(file, data, sweeping=sweeping)
+
+
+def content(file: Any) -> bytes:
+    """Return what a file holds, a word where there is none."""
+    try:
+        return patiently(file.read_bytes)
+    except FileNotFoundError:
+        return b"absent"
 
 
 def put_new(file: Any, data: bytes) -> bool:

@@ -7,12 +7,9 @@ mistakes, not forgery.
 
 import hashlib
 from collections.abc import Iterable
-from pathlib import Path
 
 import google_crc32c
 import numpy as np
-
-from specklegen.core.whole_files import patiently
 
 
 def seal(fingerprint: str, index: int, seed: int, parameters: np.ndarray, arrays: Iterable[np.ndarray]) -> np.uint64:
@@ -37,13 +34,9 @@ def seal(fingerprint: str, index: int, seed: int, parameters: np.ndarray, arrays
     return np.frombuffer(digest.digest()[:8], "<u8")[0]
 
 
-def shard_digest(fingerprint: str, seed: int, shard: int, shard_samples: int, files: Iterable[Path]) -> bytes:
-    """Return the SHA-256 of a shard's files as they are now, and of what the shard is; a missing file counts too."""
+def shard_digest(fingerprint: str, seed: int, shard: int, shard_samples: int, contents: Iterable[bytes]) -> bytes:
+    """Return the SHA-256 of the data set, the number and the files of a shard."""
     digest = hashlib.sha256(f"{fingerprint} {seed} {shard} {shard_samples} ".encode())
-    for file in files:
-        try:
-            data = patiently(file.read_bytes)
-        except FileNotFoundError:
-            data = b"absent"
+    for data in contents:
         digest.update(len(data).to_bytes(8, "little") + data)
     return digest.digest()

@@ -20,9 +20,9 @@ from numcodecs import Blosc
 
 from specklegen.core.errors import ToldError
 from specklegen.core.whole_files import patiently
+from specklegen.datasets.store.encoding import ABSENT
 from specklegen.datasets.store.places import File, opened
 
-_ABSENT = 2**64 - 1
 _OPEN_FILES = 32
 _BLOSC = Blosc()
 
@@ -148,7 +148,7 @@ class ShardFiles:
         shard, place = divmod(sample, self._shard_samples)
         with self._reading(shard) as there:
             offset, length = int(there.index[place, 0]), int(there.index[place, 1])
-            if offset == _ABSENT:
+            if offset == ABSENT:
                 raise MissingSample(f"{there.path} does not hold sample {sample}")
             try:
                 return there.handle.part(offset, length)

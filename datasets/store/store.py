@@ -12,26 +12,23 @@
 
 A shard is the unit of work: rendered whole by one process and written whole. Each file appears by renaming,
 so that a reader sees all of it or nothing. Nothing is flushed to the disk (no fsync): after a power cut a
-file may be torn, which its CRC32C and the checksum tell. The shards of a store at an address are made in a folder of
-this machine and then put there, file by file, the ledger last; claims are objects under ``valid/claims``.
+file may be torn, which its CRC32C and the checksum tell. At an address each file is put, whole, in the same
+order; claims are objects under ``valid/claims``.
 """
 
 import contextlib
 import os
-import tempfile
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zarr
-import zarr.storage
 
-from specklegen.core.whole_files import patiently
 from specklegen.datasets.store import file_names, metadata
+from specklegen.datasets.store.encoding import is_compressed, sample_bytes, shard_bytes, table_bytes
 from specklegen.datasets.store.locks import LockState, claim, claim_object
-from specklegen.datasets.store.places import delete, is_remote, place_of, put
+from specklegen.datasets.store.places import content, delete, is_remote, place_of, put
 from specklegen.datasets.store.seals import seal, shard_digest
 from specklegen.datasets.store.shards import ForeignShard, MissingSample, ShardFiles, read_table
 
@@ -46,8 +43,6 @@ class Store:
     ----------
     folder : path
         The folder of the store, or an address that fsspec knows.
-    writable : bool
-        Whether shards will be written.
 
     Raises
     ------
@@ -55,26 +50,15 @@ class Store:
         If the folder is not a store of this version, or its metadata are not those that were written.
     """
 
-    def __init__(self, folder: str | os.PathLike, writable: bool = False) -> None:
+    def __init__(self, folder: str | os.PathLike) -> None:
         self.folder = place_of(folder)
-        self._elsewhere = tempfile.TemporaryDirectory() if writable and is_remote(self.folder) else None
         self.metadata = metadata.read(self.folder)
-        # From what was read and compared, not read again: a file may be away while another process replaces it.
-        self._arrays = {
-            name: _array(_as_zarr(self._made, name, writable), self.metadata.said(name))
-            for name in self.metadata.arrays
-        }
         self.attributes: dict[str, Any] = self.metadata.attributes
         self.shard_samples: int = self.attributes["shard_samples"]
-        self.parameter_names: list[str] = list(self._arrays["parameters"].attrs["names"])  # type: ignore[arg-type]
+        self.parameter_names: list[str] = list(self.metadata.said("parameters")["attributes"]["names"])
         self.keys: list[str] = list(self.attributes["arrays"])
         self.fingerprint: str = self.attributes["fingerprint"]
         self.seed: int = self.attributes["identity"]["seed"]
-
-    @property
-    def _made(self) -> Path:
-        """Where shards are made: the folder itself, or one of this machine from which they are put at an address."""
-        return self.folder if self._elsewhere is None else Path(self._elsewhere.name)
 
     def require(self, fingerprint: str) -> None:
         """Refuse a data set other than that of a fingerprint: a path may lead elsewhere by now, as a moved link does.
@@ -141,17 +125,22 @@ class Store:
 
     def files(self, shard: int) -> list[Path]:
         """Return the files that hold a shard's contents, the ledger excepted, in a fixed order."""
-        return self._files(shard, self.folder)
+        return [self._file(name, shard) for name in [*self.keys, *metadata.COLUMNS]]
 
-    def _files(self, shard: int, folder: Path) -> list[Path]:
-        return [self._file(name, shard, folder) for name in [*self.keys, *metadata.COLUMNS]]
+    def _file(self, name: str, shard: int) -> Path:
+        return self.folder.joinpath(name, "c", str(shard), *["0"] * len(self._shape(name)))
 
-    def _file(self, name: str, shard: int, folder: Path | None = None) -> Path:
-        return (folder or self.folder).joinpath(name, "c", str(shard), *["0"] * (self._arrays[name].ndim - 1))
+    def _shape(self, name: str) -> tuple[int, ...]:
+        """Shape of a sample, or of a row of a table."""
+        return tuple(self.metadata.said(name)["shape"][1:])
+
+    def _dtype(self, name: str) -> np.dtype:
+        return np.dtype(self.metadata.said(name)["data_type"])
 
     def digest(self, shard: int) -> bytes:
         """Return the SHA-256 of a shard as it is now: its data set, its number, its files."""
-        return shard_digest(self.fingerprint, self.seed, shard, self.shard_samples, self.files(shard))
+        contents = map(content, self.files(shard))
+        return shard_digest(self.fingerprint, self.seed, shard, self.shard_samples, contents)
 
     def recorded_digest(self, shard: int) -> bytes:
         """Return the SHA-256 that was written with the shard.
@@ -169,41 +158,31 @@ class Store:
 
     def write_shard(self, shard: int, columns: Mapping[str, np.ndarray]) -> bytes:
         """Write the columns of a shard, its checksum, last its line in the ledger; return the checksum."""
-        place = slice(self.span(shard).start, self.span(shard).stop)
+        contents = self._packed(columns)
+        checksum = shard_digest(self.fingerprint, self.seed, shard, self.shard_samples, contents.values())
+        valid = np.zeros(self.shard_samples, bool)
+        valid[: len(columns["index"])] = True
+        contents["checksum"] = table_bytes(np.frombuffer(checksum, np.uint8))
+        contents["valid"] = table_bytes(valid)
+        for name, data in contents.items():
+            put(self._file(name, shard), data, sweeping=False)
+        return checksum
+
+    def _packed(self, columns: Mapping[str, np.ndarray]) -> dict[str, bytes]:
+        """Bytes of the files of a shard, the ledger excepted, by name."""
+        contents = {}
+        for key in self.keys:
+            packed = (sample_bytes(sample, self._dtype(key)) for sample in columns[key])
+            contents[key] = shard_bytes(dict(enumerate(packed)), self.shard_samples)
         seals = [
             self.seal(int(index), self.seed, columns["parameters"][row], {key: columns[key][row] for key in self.keys})
             for row, index in enumerate(columns["index"])
         ]
-        for name, column in {**columns, "seal": np.array(seals, np.uint64)}.items():
-            self._write(name, shard, place, column)
-        made = self._files(shard, self._made)
-        checksum = shard_digest(self.fingerprint, self.seed, shard, self.shard_samples, made)
-        self._write("checksum", shard, shard, np.frombuffer(checksum, np.uint8))
-        self._write("valid", shard, place, True)
-        if self._elsewhere is not None:
-            self._send([*made, *(self._file(name, shard, self._made) for name in ("checksum", "valid"))])
-        return checksum
-
-    def _send(self, made: list[Path]) -> None:
-        """Put files of a shard at the address, in this order, and delete them here."""
-        for file in made:
-            put(self.folder / file.relative_to(self._made).as_posix(), file.read_bytes())
-        for file in made:
-            file.unlink()
-
-    def _write(self, name: str, shard: int, place: slice | int, column: np.ndarray | bool) -> None:
-        """Write all that a shard has of an array; again if the temporary file was swept while this process slept."""
-
-        def write() -> None:
-            self._arrays[name][place] = column
-
-        try:
-            patiently(write)
-        except OSError:
-            raise
-        except Exception:  # zarr reads a file that it may fill but in part, and this one is damaged
-            self._file(name, shard, self._made).unlink(missing_ok=True)
-            patiently(write)
+        for name in metadata.COLUMNS:
+            table = np.zeros((self.shard_samples, *self._shape(name)), self._dtype(name))
+            table[: len(seals)] = seals if name == "seal" else columns[name]
+            contents[name] = table_bytes(table)
+        return contents
 
     def forget_shard(self, shard: int) -> None:
         """Take a shard off the ledger; its files stay, to be replaced: another process may be writing them now."""
@@ -214,45 +193,42 @@ class Store:
         """The checked reader of each array."""
         return {
             key: ShardFiles(
-                self.folder / key,
-                tuple(self._arrays[key].shape[1:]),
-                np.dtype(self._arrays[key].dtype),
-                self.shard_samples,
-                np.dtype(self._arrays[key].dtype).kind in "ui",
+                self.folder / key, self._shape(key), self._dtype(key), self.shard_samples,
+                is_compressed(self._dtype(key)),
             )
             for key in self.keys
-        }
+        }  # fmt: skip
 
     def sample_types(self) -> dict[str, np.dtype]:
         """Return the type of each array in a sample, whatever it is stored as."""
-        return {key: np.dtype(str(self._arrays[key].attrs["sample_dtype"])) for key in self.keys}
+        return {key: np.dtype(str(self.metadata.said(key)["attributes"]["sample_dtype"])) for key in self.keys}
 
     def stored_types(self) -> dict[str, np.dtype]:
         """Return the type in which each array is stored."""
-        return {key: np.dtype(self._arrays[key].dtype) for key in self.keys}
+        return {key: self._dtype(key) for key in self.keys}
 
     def sample_shapes(self) -> dict[str, tuple[int, ...]]:
         """Return the shape of each array in a sample."""
-        return {key: tuple(self._arrays[key].shape[1:]) for key in self.keys}
+        return {key: self._shape(key) for key in self.keys}
 
     def describe(self) -> dict[str, dict[str, Any]]:
         """Return shape (of a sample), dtype (as stored), dims, units and description of each array."""
+        described = {key: self.metadata.said(key) for key in self.keys}
         return {
             key: {
-                "shape": self.sample_shapes()[key],
-                "dtype": str(self._arrays[key].dtype),
-                "dims": tuple((self._arrays[key].metadata.dimension_names or ())[1:]),  # type: ignore[union-attr]
-                "units": str(self._arrays[key].attrs["units"]),
-                "description": str(self._arrays[key].attrs["long_name"]),
+                "shape": self._shape(key),
+                "dtype": content["data_type"],
+                "dims": tuple(content["dimension_names"][1:]),
+                "units": content["attributes"]["units"],
+                "description": content["attributes"]["long_name"],
             }
-            for key in self.keys
+            for key, content in described.items()
         }
 
     def table(self, name: str, shard: int, expected: bool = True) -> np.ndarray:
         """Read a column of a shard, checked: "parameters", "index", "seed", "seal" or "valid"."""
-        array = self._arrays[name]
-        shape = (self.shard_samples, *array.shape[1:])
-        return read_table(self._file(name, shard), np.dtype(array.dtype), shape, expected)
+        shape = (self.shard_samples, *self._shape(name))
+        return read_table(self._file(name, shard), self._dtype(name), shape, expected)
 
     def temporaries(self) -> Iterator[Path]:
         """Find files that are not yet whole, of the living and of the dead; others belong to the user."""
@@ -266,19 +242,3 @@ class Store:
             for file in (self.folder / name / "c").rglob("*.partial"):
                 if file.relative_to(self.folder / name / "c").parts[0].split(".")[0].isdigit():
                     yield file
-
-
-def _array(place: zarr.storage.StorePath, said: dict[str, Any]) -> zarr.Array:
-    """An array that writes chunks of zeros too; said to it alone: zarr's own settings are those of all threads."""
-    array = zarr.AsyncArray.from_dict(place, said)
-    return zarr.Array(zarr.AsyncArray(array.metadata, place, config={"write_empty_chunks": True}))
-
-
-def _as_zarr(folder: Any, name: str, writable: bool) -> zarr.storage.StorePath:
-    """Where zarr finds an array: in a folder, or by the file system and the path of an address."""
-    if is_remote(folder):
-        options = dict(folder.storage_options)
-        store = zarr.storage.FsspecStore.from_url(str(folder), storage_options=options, read_only=True)
-    else:
-        store = zarr.storage.LocalStore(folder, read_only=not writable)
-    return zarr.storage.StorePath(store, name)

@@ -6,8 +6,8 @@ one go, and who fills a folder, however long it takes, dates it anew every ``BEA
 ``AGE`` seconds is dead. Both dates are the file server's, whose clock differs from ours. Who sleeps through that time
 all the same writes its file again, or is told that its folder is gone.
 
-A temporary name is ``NAME.<32 hexadecimal digits>.partial`` of a file, as zarr gives its own, and
-``.NAME.<32 hexadecimal digits>.creating`` of a folder. Nothing of another name is ever deleted.
+A temporary name is ``NAME.<32 hexadecimal digits>.partial`` of a file, and ``.NAME.<32 hexadecimal digits>.creating``
+of a folder. Nothing of another name is ever deleted.
 """
 
 import contextlib
@@ -58,7 +58,7 @@ def patiently(act: Callable[[], Read]) -> Read:
     return act()
 
 
-def write_whole(file: Path, data: bytes) -> None:
+def write_whole(file: Path, data: bytes, *, sweeping: bool = True) -> None:
     """Write a file so that it is there whole, as it was before, or not at all; sweep what the dead left of it."""
 
     def write() -> None:
@@ -70,7 +70,8 @@ def write_whole(file: Path, data: bytes) -> None:
             temporary.unlink(missing_ok=True)
             raise
 
-    sweep(unfinished(file))
+    if sweeping:
+        sweep(unfinished(file))
     patiently(write)  # again where it was swept while this process slept
 
 

@@ -144,7 +144,7 @@ def test_a_call_fills_the_store_that_its_link_led_to_when_it_began(tmp_path):
 
 
 def test_a_worker_does_not_fill_another_store(tmp_path, monkeypatch):
-    store = Store(fill(tmp_path / "a.zarr", samples=5), writable=True)
+    store = Store(fill(tmp_path / "a.zarr", samples=5))
     monkeypatch.setattr("specklegen.datasets.store.generate._job", (store, FakeRecipe(), "0" * 64))
     outcome = _fill_here(0, False)
     assert outcome.state == "failed"
@@ -164,7 +164,7 @@ def test_a_sample_that_is_not_there_raises(tmp_path):
 
 def test_a_shard_that_was_replaced_is_opened_anew(tmp_path):
     folder = fill(tmp_path / "a.zarr", samples=8)
-    grown(Store(folder, writable=True), 10)
+    grown(Store(folder), 10)
     cache = SpeckleCache(folder)
     cache[7]
     with pytest.raises(MissingSample):
@@ -175,7 +175,7 @@ def test_a_shard_that_was_replaced_is_opened_anew(tmp_path):
 
 def test_a_sample_that_its_shard_does_not_hold_is_missing_whatever_the_ledger_says(tmp_path):
     folder = fill(tmp_path / "a.zarr", samples=8)
-    grown(Store(folder, writable=True), 10)
+    grown(Store(folder), 10)
     zarr.open_group(folder, mode="r+")["valid"][:] = True
     with pytest.raises(MissingSample, match="does not hold sample 9"):
         SpeckleCache(folder)[9]

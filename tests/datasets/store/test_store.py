@@ -1,5 +1,6 @@
 """The store: what is written is read, by plain readers too; growing, refusing."""
 
+import os
 import subprocess
 import sys
 import tracemalloc
@@ -9,10 +10,12 @@ import pytest
 import xarray
 import zarr
 from fake_recipe import FakeRecipe
+from scenes import ROOT
 from small_stores import TIMEOUT, assert_holds, contents, make
 
 from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.sample_schema import ArraySpec, stored_arrays
+from specklegen.datasets.store import encoding, store
 from specklegen.datasets.store.filling import GenerationError
 from specklegen.datasets.store.identity import differences, fingerprint, identity
 from specklegen.datasets.store.info import info
@@ -67,6 +70,66 @@ def test_plain_readers_do_not_need_specklegen(tmp_path):
     total = int(FakeRecipe().sample(0, "train", 3)["image"].sum())
     names = ["checksum", "field", "image", "index", "level", "object", "parameters", "seal", "seed", "valid"]
     assert out.strip() == f"{names} {total} fake"
+
+
+SETTINGS = {
+    "codec_pipeline.path": "no.such.Pipeline",
+    "array.write_empty_chunks": False,
+    "array.read_missing_chunks": False,
+    "array.order": "F",
+    "default_zarr_format": 2,
+    "codecs.blosc": "no.such.Codec",
+    "codecs.crc32c": "no.such.Codec",
+    "json_indent": 7,
+    "buffer": "no.such.Buffer",
+}
+
+
+def test_a_store_is_the_same_under_any_settings_of_zarr(tmp_path):
+    make(tmp_path / "plain.zarr", Dark())
+    with zarr.config.set(SETTINGS):
+        make(tmp_path / "set.zarr", Dark())
+        assert verify(tmp_path / "set.zarr").sound
+        assert_holds(tmp_path / "set.zarr", Dark(), 22)
+    assert contents(tmp_path / "set.zarr") == contents(tmp_path / "plain.zarr")
+
+
+def test_stores_are_written_checked_and_read_without_zarr(tmp_path):
+    """No setting, no environment variable and no version of it can reach what is never loaded."""
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1]); sys.modules['zarr'] = None\n"
+        "from small_stores import FakeRecipe, assert_holds, make\n"
+        "from specklegen.datasets.store.verify import verify\n"
+        "make(sys.argv[2]); assert_holds(sys.argv[2], FakeRecipe(), 22); print(verify(sys.argv[2]).sound)"
+    )
+    command = [sys.executable, "-c", code, ROOT / "tests", tmp_path / "a.zarr"]
+    environment = os.environ | {"ZARR_CODEC_PIPELINE__PATH": "zarrs.ZarrsCodecPipeline", "ZARR_ARRAY__ORDER": "F"}
+    out = subprocess.run(command, capture_output=True, text=True, check=True, timeout=TIMEOUT, env=environment).stdout
+    assert out.strip() == "True"
+
+
+class Dark(FakeRecipe):
+    """A recipe whose samples are zeros, as zarr fills in for a chunk that is not there."""
+
+    def sample(self, seed, split, index):
+        sample = super().sample(seed, split, index)
+        return sample | {key: np.zeros_like(sample[key]) for key in ("image", "field", "object", "level")}
+
+
+def test_samples_of_zeros_are_written(tmp_path):
+    make(tmp_path / "a.zarr", Dark())
+    assert_holds(tmp_path / "a.zarr", Dark(), 22)
+
+
+def test_what_verify_calls_sound_can_be_read(tmp_path, monkeypatch):
+    """A store whose checksums are right, and whose samples its reader refuses."""
+    make(tmp_path / "a.zarr")
+    assert verify(tmp_path / "a.zarr").sound
+    whole = encoding.shard_bytes
+    monkeypatch.setattr(encoding, "shard_bytes", lambda samples, rows: whole(dict(list(samples.items())[:-1]), rows))
+    monkeypatch.setattr(store, "shard_bytes", encoding.shard_bytes)
+    make(tmp_path / "b.zarr")
+    assert verify(tmp_path / "b.zarr").damaged == (0, 1, 2, 3, 4)
 
 
 def test_worker_processes_write_the_same_bytes(tmp_path):

@@ -6,7 +6,6 @@ two arrays of a shard, and the recipes are real: what they keep between samples,
 
 import numpy as np
 import pytest
-import zarr
 from fake_recipe import assert_same
 from own_objects import Dim
 from quick_recipes import quick_recipe
@@ -14,6 +13,7 @@ from small_stores import contents
 
 from specklegen.datasets import load_recipe, recipe_names
 from specklegen.datasets.loading.cache import SpeckleCache
+from specklegen.datasets.store import store
 from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.shards import MissingSample
 from specklegen.datasets.store.verify import verify
@@ -56,15 +56,15 @@ def test_a_death_between_two_arrays_loses_nothing(tmp_path, monkeypatch, kind):
     recipe = recipe_of(kind)
     whole, torn = tmp_path / "whole" / "a.zarr", tmp_path / "torn" / "a.zarr"
     options = {"samples": SAMPLES, "shard_samples": SHARD, "processes": 1}
-    write, places, dies_at = zarr.Array.__setitem__, [], None
+    write, places, dies_at = store.put, [], None
 
-    def dying(array, place, value):
-        places.append(place)
+    def dying(file, data, **options):
+        places.append(file)
         if len(places) == dies_at:
             raise KeyboardInterrupt
-        write(array, place, value)
+        write(file, data, **options)
 
-    monkeypatch.setattr(zarr.Array, "__setitem__", dying)
+    monkeypatch.setattr(store, "put", dying)
     generate(recipe, folder=whole, **options)
     expected = contents(whole)
     dies_at = len(places) // 2

@@ -101,7 +101,7 @@ def test_a_call_that_dies_while_growing_leaves_a_sound_store(tmp_path, monkeypat
 
 def test_a_claimed_shard_is_left_alone(tmp_path):
     make(tmp_path / "a.zarr", shard_range=(0, 5))
-    store = Store(tmp_path / "a.zarr", writable=True)
+    store = Store(tmp_path / "a.zarr")
     assert fill_shard(store, FakeRecipe(fails_at=0), 0).state == "present"
     assert fill_shard(store, FakeRecipe(), 1).state == "written"
 

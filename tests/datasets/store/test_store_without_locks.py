@@ -47,7 +47,7 @@ def write(folder):
     """Fill a store, twice: in between everything is taken off the ledger, as a repair does."""
     try:
         generate(RECIPE, samples=SAMPLES, shard_samples=SHARD, folder=folder, processes=1)
-        store = Store(folder, writable=True)
+        store = Store(folder)
         for shard in range(store.shard_count):
             store.forget_shard(shard)
         generate(RECIPE, samples=SAMPLES, shard_samples=SHARD, folder=folder, processes=1)
@@ -119,11 +119,11 @@ def test_several_grow_one_store_to_other_lengths(tmp_path, no_locks):
     lengths = [8, 16, 24]
 
     def grow(samples):
-        return lambda folder: [grown(Store(folder, writable=True), samples + step) for step in range(2)]
+        return lambda folder: [grown(Store(folder), samples + step) for step in range(2)]
 
     assert together(folder, *map(grow, lengths)) == []
     assert Store(folder).samples >= 25
-    assert grown(Store(folder, writable=True), 40).samples == 40
+    assert grown(Store(folder), 40).samples == 40
     assert verify(folder).sound
 
 
@@ -199,7 +199,7 @@ def test_a_shard_whose_file_was_swept_is_written_again(tmp_path, monkeypatch):
     folder = tmp_path / "a.zarr"
     make(folder, samples=8)
     swept = swept_once(monkeypatch)
-    store = grown(Store(folder, writable=True), 8)
+    store = grown(Store(folder), 8)
     store.forget_shard(0)
     make(folder, samples=8)
     assert len(swept) == 1
