@@ -5,7 +5,7 @@ from itertools import count, islice
 import numpy as np
 import pytest
 from scenes import of_the_figures
-from zscore import assert_mean, assert_z
+from zscore import assert_mean, assert_z, refute_mean
 
 from specklegen.theory.speckle_contrast import exponential_contrast_squared
 
@@ -35,8 +35,7 @@ def test_patterns_have_the_grain_of_a_square_window(images):
     patterns = images.pattern(np.random.default_rng(1), 100)
     for along in (0, 1, 2, 3):
         assert_mean(covariance(patterns, along), np.sinc(along / 2) ** 2)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_mean(covariance(patterns, 1), np.sinc(1 / 2.2) ** 2)
+    refute_mean(covariance(patterns, 1), np.sinc(1 / 2.2) ** 2)
 
 
 def test_rows_are_beads_of_one_diameter_with_gaps(images):
@@ -81,8 +80,7 @@ def test_stacks_by_a_curve_forget_by_it(images):
     for errors in (shown - asked).T:
         assert_mean(errors, 0.0, slack=0.02)
     other = 2.0 ** -np.square(images.TILTS[1:] / (1.2 * wide[:, None]))
-    with pytest.raises(AssertionError, match="z ="):
-        assert_mean((shown - other)[:, 2], 0.0, slack=0.02)
+    refute_mean((shown - other)[:, 2], 0.0, slack=0.02)
     apart = np.array([images.registered(stack, -1)[1::3] for stack, _ in stacks])  # the other way nothing overlaps
     assert np.abs(apart.mean(0)).max() < 0.05
 
@@ -97,8 +95,7 @@ def test_exposures_by_a_law_have_its_contrast(motion):
         return [motion.contrasts(stack) for stack, _ in stacks] - np.log10(expected)
 
     assert_mean(off(times), 0.0, slack=0.01)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_mean(off(1.2 * times), 0.0, slack=0.01)
+    refute_mean(off(1.2 * times), 0.0, slack=0.01)
 
 
 def test_exposures_of_the_stream_have_the_contrast_that_they_tell(motion):

@@ -1,6 +1,7 @@
 """Statistical assertions: a z-score against a stated false-alarm rate, shared over the comparisons."""
 
 import numpy as np
+import pytest
 from scipy.stats import t as student
 
 FALSE_ALARM = 1e-6  # chance that a right build fails one assertion, shared by its comparisons
@@ -30,3 +31,15 @@ def assert_mean(samples, expected, *, slack=0.0) -> None:
     samples = np.asarray(samples)
     error = samples.std(axis=0, ddof=1) / np.sqrt(len(samples))
     assert_z(samples.mean(axis=0), expected, np.abs(error), degrees=len(samples) - 1, slack=slack)
+
+
+def refute_z(*arguments, **options) -> None:
+    """A deliberate error must be caught: `assert_z` of the same arguments fails by a z beyond its limit."""
+    with pytest.raises(AssertionError, match="z ="):
+        assert_z(*arguments, **options)
+
+
+def refute_mean(*arguments, **options) -> None:
+    """A deliberate error must be caught: `assert_mean` of the same arguments fails by a z beyond its limit."""
+    with pytest.raises(AssertionError, match="z ="):
+        assert_mean(*arguments, **options)

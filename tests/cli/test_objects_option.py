@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from refusals import assert_refused
 
 from specklegen.cli.recipe_options import load, load_hidden
-from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.datasets.objects import Folder, Points
 
@@ -34,5 +34,4 @@ def test_images_of_a_folder_take_the_place_of_any_family(tmp_path):
     (("one-angular-size", None, None, "Ponits"), r"ObjectFamily\.type must be one of"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused(arguments, message):
-    with pytest.raises(RuleError, match=message):
-        load(*arguments)
+    assert_refused(lambda: load(*arguments), message)

@@ -5,6 +5,7 @@ import sys
 import textwrap
 
 import pytest
+from refusals import assert_refused
 
 from specklegen.core.errors import RuleError
 from specklegen.core.registry import Registry, anchored, import_paths, imported, is_import_path
@@ -48,8 +49,7 @@ def test_two_things_of_one_name_are_refused_and_one_defined_anew_is_not():
 
     things.add("own", first)
     things.add("own", first)
-    with pytest.raises(RuleError, match="thing name must be one that no other thing has"):
-        things.add("own", again())
+    assert_refused(lambda: things.add("own", again()), "thing name must be one that no other thing has")
 
 
 @pytest.mark.parametrize("text", ["a:B", "a.b:C", "./a:B", "../x y/a:B", "/abs/a.b:C", "a.py:B", "~/a:B"])
@@ -85,8 +85,7 @@ def test_the_working_folder_is_looked_into(write, monkeypatch):
 def test_a_path_that_leads_nowhere_is_refused(write, path, rule):
     write("registry_shapes", "number = 3\n")
     folder = write("registry_broken", "1 / 0\n")
-    with pytest.raises(RuleError, match=f"field must be {rule}"):
-        registry().find("field", path.format(folder))
+    assert_refused(lambda: registry().find("field", path.format(folder)), f"field must be {rule}")
 
 
 def test_a_module_of_a_name_that_is_taken_is_refused_and_not_mistaken(write, tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from zscore import assert_z
+from zscore import assert_z, refute_z
 
 import specklegen as sg
 from specklegen.fdtd import RandomLayer, coherent_transmission, equivalent_slab
@@ -51,8 +51,7 @@ def test_a_wrong_mean_free_path_is_caught():
     slab = equivalent_slab(random, WAVELENGTH)
     solver = coherent_transmission(random, WAVELENGTH, "transfer_matrix", n_realizations=REALIZATIONS)
     wrong = engine_mean(slab.thickness, 1 / slab.forward_coefficient * 1.2, random.n_background)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(abs(solver.amplitude), wrong, solver.standard_error)
+    refute_z(abs(solver.amplitude), wrong, solver.standard_error)
 
 
 def test_a_phase_screen_has_no_equivalent_slab():
@@ -62,5 +61,4 @@ def test_a_phase_screen_has_no_equivalent_slab():
     assert "correlation lengths" in slab.reason
     solver = coherent_transmission(random, WAVELENGTH, "transfer_matrix", n_realizations=REALIZATIONS)
     ours = engine_mean(slab.thickness, slab.mean_free_path, random.n_background)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(abs(solver.amplitude), ours, solver.standard_error)
+    refute_z(abs(solver.amplitude), ours, solver.standard_error)

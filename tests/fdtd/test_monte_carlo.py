@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from refusals import assert_refused
 
 from specklegen.fdtd import Pulse, RandomLayer, illuminate, monte_carlo_mean, single_realization, transfer_matrix, yee
 
@@ -90,9 +91,7 @@ def test_table_of_marched_brute_force(modulated, lc, back, forward):
 
 
 def test_bad_input_is_refused():
-    with pytest.raises(ValueError, match="n_realizations must be at least 1"):
-        monte_carlo_mean(LAYER, 0)
+    assert_refused(lambda: monte_carlo_mean(LAYER, 0), "n_realizations must be at least 1")
     with pytest.raises(ValueError, match="method must be one of"):
         monte_carlo_mean(LAYER, 2, "guess")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="the largest that is stable"):
-        monte_carlo_mean(LAYER, 20, courant=1.0)
+    assert_refused(lambda: monte_carlo_mean(LAYER, 20, courant=1.0), "the largest that is stable")

@@ -4,6 +4,7 @@ import csv
 
 import numpy as np
 import pytest
+from refusals import assert_refused
 
 from specklegen.core.errors import RuleError
 from specklegen.measured import read_curve
@@ -53,8 +54,7 @@ def test_what_numpy_writes(tmp_path):
 ])  # fmt: skip
 def test_the_line_is_named(lines, told, tmp_path):
     (tmp_path / "a.csv").write_text(lines)
-    with pytest.raises(RuleError, match=told):
-        read_curve(tmp_path / "a.csv")
+    assert_refused(lambda: read_curve(tmp_path / "a.csv"), told)
 
 
 def test_files_that_are_no_text(tmp_path, monkeypatch):
@@ -62,15 +62,13 @@ def test_files_that_are_no_text(tmp_path, monkeypatch):
     for path in (tmp_path / "a.csv", tmp_path, "a\0b", 7):
         with pytest.raises(RuleError, match="read_curve path must be a text that can be read"):
             read_curve(path)
-    with pytest.raises(RuleError, match="read_curve path must be a file that is there"):
-        read_curve(tmp_path / "none.csv")
+    assert_refused(lambda: read_curve(tmp_path / "none.csv"), "read_curve path must be a file that is there")
     for columns in (0, (0,), (0, -1), ("a", "b"), (0, 1.5)):
         with pytest.raises(RuleError, match="read_curve columns"):
             read_curve(tmp_path / "a.csv", columns)
     monkeypatch.setattr("specklegen.measured.curve.MOST_BYTES", 4)
     (tmp_path / "long.csv").write_text("0,1\n1,2\n")
-    with pytest.raises(RuleError, match="longer than 4 bytes"):
-        read_curve(tmp_path / "long.csv")
+    assert_refused(lambda: read_curve(tmp_path / "long.csv"), "longer than 4 bytes")
 
 
 def test_damaged_curves(tmp_path):

@@ -5,6 +5,7 @@ import json
 import subprocess
 
 import pytest
+from refusals import assert_refused
 from typer.testing import CliRunner
 
 from specklegen.cli import commands
@@ -46,18 +47,15 @@ def test_only_the_named_files_are_cloned_and_checked(data, repository, tmp_path)
     (folder / "second.bin").write_bytes(b"x")
     (folder / "a" / "b c（1号）.txt").unlink()
     assert list(data.broken(folder).values()) == ["is not there", "has another content than in the commit"]
-    with pytest.raises(RuleError, match="measured get here must be a folder of .* is not there, and 1 file more"):
-        data.get(folder)
+    assert_refused(lambda: data.get(folder), "measured get here must be a folder of .* is not there, and 1 file more")
 
 
 def test_what_git_cannot_is_said(data, tmp_path):
     with pytest.raises(RuleError, match="measured get must be a repository that git can clone"):
         data.get(tmp_path / "clone", str(tmp_path / "nothing"))
     (tmp_path / "file").write_text("")
-    with pytest.raises(RuleError, match="measured get --out must be a folder"):
-        data.get(tmp_path / "file")
-    with pytest.raises(RuleError, match="public_data name must be one of hidden-shapes"):
-        public_data("vesel")
+    assert_refused(lambda: data.get(tmp_path / "file"), "measured get --out must be a folder")
+    assert_refused(lambda: public_data("vesel"), "public_data name must be one of hidden-shapes")
 
 
 def test_the_list_is_whole():

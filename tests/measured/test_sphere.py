@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from refusals import assert_refused
 from zscore import assert_z
 
 from specklegen.core.errors import RuleError
@@ -110,19 +111,15 @@ def with_head(number, text):
     (["r", ".3"], with_head(8, "20"), "line 12, diameter must be of a sphere larger than its ports"),
 ])  # fmt: skip
 def test_refusals_name_the_line(lines, head, told, tmp_path):
-    with pytest.raises(RuleError, match=re.escape(told)):
-        read_sphere(write(tmp_path, *lines, head=head))
+    assert_refused(lambda: read_sphere(write(tmp_path, *lines, head=head)), re.escape(told))
 
 
 def test_other_files_and_two_spheres(tmp_path):
-    with pytest.raises(RuleError, match='line 2, must be "IAD1"'):
-        read_sphere(write(tmp_path, first="wavelength r t"))
-    with pytest.raises(RuleError, match="read_sphere path must be a file that is there"):
-        read_sphere(tmp_path / "none.rxt")
+    assert_refused(lambda: read_sphere(write(tmp_path, first="wavelength r t")), 'line 2, must be "IAD1"')
+    assert_refused(lambda: read_sphere(tmp_path / "none.rxt"), "read_sphere path must be a file that is there")
     two = read_sphere(write(tmp_path, "r", ".3", head=with_head(7, "2")))
     assert isinstance(two, SphereReadings)
-    with pytest.raises(RuleError, match=r"SphereReadings.spheres must be 0 or 1"):
-        two.corrected()
+    assert_refused(lambda: two.corrected(), r"SphereReadings.spheres must be 0 or 1")
 
 
 def test_damaged_files_are_refused_or_read(tmp_path):

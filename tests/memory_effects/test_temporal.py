@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from zscore import assert_z
+from zscore import assert_z, refute_z
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
@@ -52,8 +52,7 @@ def test_the_comparison_has_power():
     """Momentum transfer that is 8 % too large is seen."""
     expected = np.array(TABLE[10, ISOTROPIC])[:3]
     found = curve(slab(10, ISOTROPIC), 1.08 * X[:3], paths=60_000)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(found.field.real, expected, np.hypot(found.standard_error / 2 / expected, 0.0015), degrees=63)
+    refute_z(found.field.real, expected, np.hypot(found.standard_error / 2 / expected, 0.0015), degrees=63)
 
 
 def test_the_mean_momentum_transfer():
@@ -118,8 +117,7 @@ def test_a_tilt_and_a_lag_together(depth, scatterer, x, q, expected, product):
     error = np.hypot(found.standard_error, 0.01 * expected)
     assert_z(found.intensity, expected, error, degrees=63)
     if depth == 10 and scatterer is ISOTROPIC:
-        with pytest.raises(AssertionError, match="z ="):
-            assert_z(found.intensity, product, error, degrees=63)
+        refute_z(found.intensity, product, error, degrees=63)
 
 
 def test_a_tilt_at_the_time_to_one_over_e():
@@ -165,8 +163,7 @@ def test_backscattering_forgets_as_one_way_does():
     (one, error), (both, other) = multiple(found[0], 1), multiple(found[1], 2)
     assert_z(one, both, np.hypot(error, other))
     (alike, other) = multiple(found[1], 1)  # as if nothing were enhanced
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(one, alike, np.hypot(error, other))
+    refute_z(one, alike, np.hypot(error, other))
     assert found[1].field.real[0] < found[0].field.real[0]
 
 
@@ -329,8 +326,7 @@ def test_contrast_of_exposures_as_another_program_has_it():
     error = np.hypot(found.standard_error, 0.0025 * expected)
     assert_z(found.squared, expected, error, degrees=63)
     faster = curve(slab(10, ISOTROPIC), [0.0], paths=60_000).contrast(1.1 * exposures / K**2)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(faster.squared, expected, error, degrees=63)
+    refute_z(faster.squared, expected, error, degrees=63)
 
 
 def test_contrast_where_both_ways_of_a_path_interfere():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from references.correlation_transfer import exchange, transmittance
-from zscore import assert_z
+from refusals import assert_refused
+from zscore import assert_z, refute_z
 
-from specklegen.core.errors import RuleError
 from specklegen.oracles.adding_doubling import adding_doubling
 from specklegen.theory.slab import slab_transmission
 
@@ -65,8 +65,7 @@ def test_moving_scatterers_by_random_paths_of_another_program(depth, g):
 
 
 def test_power_against_a_motion_five_per_cent_faster():
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(moving_field(10.0, 0.0, 1.05), MOVING[10.0, 0.0], 0.0015)
+    refute_z(moving_field(10.0, 0.0, 1.05), MOVING[10.0, 0.0], 0.0015)
 
 
 @pytest.mark.parametrize("g", [0.0, 0.7])
@@ -88,9 +87,6 @@ def test_isotropic_scatterers_that_move_far_leave_single_scattering_ahead():
 
 
 def test_bad_input_is_named():
-    with pytest.raises(RuleError, match="optical_depth must be greater than 0"):
-        adding_doubling(0.0, albedo=1.0, g=0.0)
-    with pytest.raises(RuleError, match="motion must be finite and at least 0"):
-        adding_doubling(1.0, albedo=1.0, g=0.0, motion=-1.0)
-    with pytest.raises(RuleError, match="view must be above 0 and at most 1"):
-        adding_doubling(1.0, albedo=1.0, g=0.0, view=0.0)
+    assert_refused(lambda: adding_doubling(0.0, albedo=1.0, g=0.0), "optical_depth must be greater than 0")
+    assert_refused(lambda: adding_doubling(1.0, albedo=1.0, g=0.0, motion=-1.0), "motion must be finite and at least 0")
+    assert_refused(lambda: adding_doubling(1.0, albedo=1.0, g=0.0, view=0.0), "view must be above 0 and at most 1")

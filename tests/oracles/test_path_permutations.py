@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from zscore import assert_mean, assert_z
+from zscore import assert_mean, assert_z, refute_mean, refute_z
 
 from specklegen.oracles.box_algorithms import Far, Setup, contributions
 from specklegen.oracles.box_media import box, henyey_greenstein
@@ -53,8 +53,7 @@ def test_forward_paths_are_those_of_the_monte_carlo():
     third = np.array(third)
     error = np.sqrt((forward.var(axis=0, ddof=1) + third.var(axis=0, ddof=1)) / 64)
     assert_z(forward.mean(axis=0), third.mean(axis=0), error, degrees=63)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(forward.mean(axis=0), 1.1 * third.mean(axis=0), error, degrees=63)
+    refute_z(forward.mean(axis=0), 1.1 * third.mean(axis=0), error, degrees=63)
 
 
 @pytest.mark.slow
@@ -68,6 +67,5 @@ def test_other_orders_vanish_for_nodes_apart():
 def test_other_orders_come_from_nodes_within_a_wavelength():
     """Without that, exchanged neighbours add some 4 % in transmission, and half as much in a box twice as large."""
     small, large = (shares(side, 12_000)[0][:, [1, 2], 0].real.mean(axis=1) for side in (20, 40))
-    with pytest.raises(AssertionError, match="z ="):
-        assert_mean(small, 0.0, slack=1e-2)
+    refute_mean(small, 0.0, slack=1e-2)
     assert_z(small.mean() / 2, large.mean(), np.sqrt((small.var(ddof=1) / 4 + large.var(ddof=1)) / 64), degrees=63)

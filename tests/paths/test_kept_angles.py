@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from zscore import assert_mean, assert_z
+from zscore import assert_mean, assert_z, refute_z
 
 import specklegen as sg
 from specklegen.core.random_streams import Stream
@@ -100,8 +100,7 @@ def test_looked_up_at_every_lights_own_angle_it_is_not():
     scene = seen(scatterer, thickness, mean_free_path, [0.0, *tilts])
     intensity, error, _ = found(tracer_of(scene, middle=None))
     assert (intensity < np.array(expected) - [0.1, 0.3, 0.4]).all()
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(intensity, expected, np.hypot(error, 0.005), degrees=BATCHES - 1, slack=AGREED)
+    refute_z(intensity, expected, np.hypot(error, 0.005), degrees=BATCHES - 1, slack=AGREED)
 
 
 @pytest.mark.parametrize("case", LATERAL)
@@ -149,8 +148,7 @@ def test_lights_on_either_side_of_their_middle_are_those_of_slices(g, depth):
     expected, spread = jackknife(np.array(waves).reshape(20, 3, 3).sum(axis=1), joined)
     found, error = jackknife(np.array(paths), joined)
     assert_z(found, expected, np.hypot(error, spread), degrees=min(BATCHES, 20) - 1, slack=0.01)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(0.8 * found, expected, np.hypot(error, spread), degrees=min(BATCHES, 20) - 1, slack=0.01)
+    refute_z(0.8 * found, expected, np.hypot(error, spread), degrees=min(BATCHES, 20) - 1, slack=0.01)
 
 
 def test_what_a_tilt_adds_between_the_ends_matters(monkeypatch):
@@ -202,8 +200,7 @@ def test_lobes_of_von_mises_and_fisher_are_those_of_slices(case):
     tilts = np.array([0, *bins]) / (pitch * size)
     stack, error, _ = found(tracer_of(seen(scatterer, thickness, mean_free_path, tilts)))
     assert_z(stack, waves, np.hypot(error, spread), degrees=BATCHES - 1, slack=AGREED)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(np.square(stack), waves, np.hypot(error, spread), degrees=BATCHES - 1, slack=AGREED)
+    refute_z(np.square(stack), waves, np.hypot(error, spread), degrees=BATCHES - 1, slack=AGREED)
 
 
 @pytest.mark.parametrize("case", LATERAL)

@@ -10,7 +10,7 @@ from scenes import slab
 from scipy.special import expn
 from scipy.stats import chi2
 from slab_sums import beam_layout, wave_layout
-from zscore import FALSE_ALARM, assert_mean, assert_z
+from zscore import FALSE_ALARM, assert_mean, assert_z, refute_mean
 
 import specklegen as sg
 from specklegen.kernels import footprints
@@ -192,8 +192,7 @@ def test_energy_test_has_power():
     medium = slab(1.0)
     bank = trace(medium, plane_proposal(medium, AXIS, AXIS), 13, 64 * 8000)
     power = 1.01 * entrance_power(bank, medium, AXIS, "plane", np.inf)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_mean(batch_means(bank, sum(outgoing_power(bank, medium, AXIS, power, 3))), -np.expm1(-1.0))
+    refute_mean(batch_means(bank, sum(outgoing_power(bank, medium, AXIS, power, 3))), -np.expm1(-1.0))
 
 
 @pytest.mark.parametrize("g", [0.0, 0.7])
@@ -233,8 +232,7 @@ def test_transmission_of_a_slab(optical_depth, paths):
     expected = slab_transmission(optical_depth)
     assert_mean(found, expected, slack=0.002 * expected)
     # Power: the diffusion approximation's numerator is 1.9 % too high.
-    with pytest.raises(AssertionError, match="z ="):
-        assert_mean(found, expected * 1.7104 / 1.6788, slack=0.002 * expected)
+    refute_mean(found, expected * 1.7104 / 1.6788, slack=0.002 * expected)
 
 
 def test_absorbing_coin_is_the_weight_it_replaces():

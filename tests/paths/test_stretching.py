@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from zscore import assert_mean
+from zscore import assert_mean, refute_mean
 
 import specklegen as sg
 from specklegen.core.statistics import BATCHES, batch_sums
@@ -110,8 +110,7 @@ def test_a_wrong_mode_is_caught(monkeypatch):
     medium = slab(0.9, 100.0)
     off = stretch_along(slab(0.891, 100.0), 1.0)
     monkeypatch.setattr(slab_tracer, "stretch_along", lambda *_: off._replace(survival=0.9 / 0.9))
-    with pytest.raises(AssertionError, match="z ="):
-        assert_mean(light(medium, PATHS), adding_doubling(100.0, albedo=0.9, g=0.0).transmitted)
+    refute_mean(light(medium, PATHS), adding_doubling(100.0, albedo=0.9, g=0.0).transmitted)
 
 
 @pytest.mark.parametrize("medium", [

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 from volume_batches import BATCHES, assert_same, engine_batches, intensities, oracle_batches, z_scores
-from zscore import assert_mean, assert_z
+from zscore import assert_mean, assert_z, refute_mean, refute_z
 
 import specklegen as sg
 from specklegen.oracles.box_algorithms import Beams, Far, Near, Setup
@@ -170,8 +170,7 @@ def test_energy(dimension, light):
         )]  # fmt: skip
         flux[b] = sum(power) / 300 / 48 * solid_angle
     assert_mean(flux, expected, slack=2e-3 * expected if light == "inside" else 0.0)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_mean(1.3 * flux, expected)
+    refute_mean(1.3 * flux, expected)
 
 
 def test_backscattering():
@@ -184,8 +183,7 @@ def test_backscattering():
         peak = intensities(ours)[:, 2]
         if light == "plane":
             assert_z(z_scores(peak, single + 2 * multiple), 0, 1, degrees=BATCHES - 1)
-            with pytest.raises(AssertionError, match="z ="):
-                assert_z(z_scores(peak, 2 * (single + multiple)), 0, 1, degrees=BATCHES - 1)
+            refute_z(z_scores(peak, 2 * (single + multiple)), 0, 1, degrees=BATCHES - 1)
         else:
             # M_in: forward paths that end under the beam, straight from the oracle's definition.
             theirs = intensities(oracle_batches(setup, 400, reverse=True, seed=34))[:, 2]

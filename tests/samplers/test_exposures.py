@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from zscore import assert_z
+from refusals import assert_refused
+from zscore import assert_z, refute_z
 
 import specklegen as sg
 from specklegen.core.errors import DoubtWarning, RuleError
@@ -67,8 +68,7 @@ def test_too_few_instants_overstate_the_contrast():
     found, error = contrast(stack.intensity)
     known, field = law(WIDE)
     assert_z(found, sub_frame_contrast_squared(field, 6.0, 4), np.hypot(error, 0.01), degrees=29)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(found, known.contrast(6.0).squared, np.hypot(error, 0.01), degrees=29)
+    refute_z(found, known.contrast(6.0).squared, np.hypot(error, 0.01), degrees=29)
 
 
 def test_screens_that_move_blur_in_closed_form():
@@ -143,8 +143,7 @@ def test_exposures_through_a_lens_have_the_contrast_of_the_light_over_its_pupil(
     noise = np.hypot(error, formula.standard_error)
     # Two per cent of instants, and as much of views aside of the axis.
     assert_z(found, formula.squared, noise, degrees=99, slack=0.04 * formula.squared)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(found, known.contrast(2 * np.array(EXPOSURES)).squared, noise, degrees=99)
+    refute_z(found, known.contrast(2 * np.array(EXPOSURES)).squared, noise, degrees=99)
 
 
 STILL, BLURRED = (
@@ -204,8 +203,7 @@ def test_values():
     ({"medium": SCREEN}, "CollimatedBeams.times", "left out before a medium that does not move"),
 ])  # fmt: skip
 def test_exposures_that_are_refused(changes, field, rule):
-    with pytest.raises(RuleError, match=f"{field} must be {rule}"):
-        exposed(**changes)
+    assert_refused(lambda: exposed(**changes), f"{field} must be {rule}")
     with pytest.raises(RuleError, match="CollimatedBeams.exposure must be left out without times"):
         sg.CollimatedBeams.tilts([0.0], width=1.0, exposure=1.0)
 
@@ -215,14 +213,11 @@ def test_verbs_that_have_no_exposure():
     for verb in (sg.covariance, sg.transmission_matrix):
         with pytest.raises(RuleError, match="scene must be one without times"):
             verb(scene)
-    with pytest.raises(RuleError, match="mean must be False .* and for exposures"):
-        sg.render(scene, mean=True)
-    with pytest.raises(RuleError, match="render_tiles scene must be .*exposure"):
-        next(sg.render_tiles(scene))
+    assert_refused(lambda: sg.render(scene, mean=True), "mean must be False .* and for exposures")
+    assert_refused(lambda: next(sg.render_tiles(scene)), "render_tiles scene must be .*exposure")
     with pytest.raises(RuleError, match="field must be asked of coherent illumination"):
         _ = sg.render(scene, sampler="paths", paths=100).field
-    with pytest.raises(RuleError, match="CollimatedBeams.exposure must be so short that 4096 instants"):
-        sg.plan(exposed(1e4))
+    assert_refused(lambda: sg.plan(exposed(1e4)), "CollimatedBeams.exposure must be so short that 4096 instants")
 
 
 @pytest.mark.filterwarnings("ignore::specklegen.DoubtWarning")
@@ -247,5 +242,4 @@ def test_the_contrast_of_any_exposure():
     for wrong in (-1.0, np.nan, np.inf, "long"):
         with pytest.raises(RuleError, match="TemporalCorrelation.contrast exposures must be"):
             known.contrast(wrong)
-    with pytest.raises(RuleError, match="TemporalCorrelation.contrast exposures must be such that k"):
-        known.contrast(1e308)
+    assert_refused(lambda: known.contrast(1e308), "TemporalCorrelation.contrast exposures must be such that k")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from scenes import slab as slab_of_depth
-from zscore import assert_z
+from zscore import assert_z, refute_z
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
@@ -78,8 +78,7 @@ def test_stacks_correlate_as_the_memory_effect_says(curves, channel):
         assert_z(value, curve.intensity[0], np.hypot(error, 1.5 * curve.standard_error[0]), degrees=59)
     if channel == "co":
         value, error = correlation(fields, 0, SHIFT)
-        with pytest.raises(AssertionError, match="z ="):
-            assert_z(value, curves[channel, "across"].intensity[0], np.hypot(error, 0.01), degrees=59)
+        refute_z(value, curves[channel, "across"].intensity[0], np.hypot(error, 0.01), degrees=59)
     light = sg.mueller_matrix(slab(), wavelength=WAVELENGTH, paths=PATHS, seed=9)
     lit = np.square(np.abs(fields)).mean(axis=(1, 2, 3))
     error = np.hypot(lit.std() / np.sqrt(len(lit)), 2 * light.standard_error[0, 0] * WIDTH**2)
@@ -101,8 +100,7 @@ def test_a_seed_is_one_medium_behind_all_analysers():
     contrast = found.std(axis=(1, 2, 3)) / found.mean(axis=(1, 2, 3))
     known = sg.mueller_matrix(slab(), wavelength=WAVELENGTH, paths=PATHS, seed=9).contrast
     assert_z(contrast.mean(), known, contrast.std() / np.sqrt(len(contrast)), degrees=29)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(contrast.mean(), 1.0, contrast.std() / np.sqrt(len(contrast)), degrees=29)
+    refute_z(contrast.mean(), 1.0, contrast.std() / np.sqrt(len(contrast)), degrees=29)
 
 
 @pytest.mark.parametrize("channel", CHANNELS)
@@ -167,8 +165,7 @@ def test_images_of_objects_see_the_memory_effect(curves, channel, name):
     lit, power = images.mean(axis=(1, 2)), 2 * light.intensity(*asked.polarisers.fields) * WIDTH**2
     assert_z(lit.mean(), power, np.hypot(lit.std() / np.sqrt(len(lit)), 0.02 * power), degrees=149)
     if name == "across":
-        with pytest.raises(AssertionError, match="z ="):
-            assert_z(value, curves[channel, "along"].intensity[0], error, degrees=149)
+        refute_z(value, curves[channel, "along"].intensity[0], error, degrees=149)
 
 
 def test_modes_and_contrast_are_those_of_all_pairs_of_pixels():

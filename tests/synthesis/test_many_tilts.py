@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from zscore import assert_mean
+from zscore import assert_mean, refute_mean
 
 import specklegen as sg
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation
@@ -118,8 +118,7 @@ def test_moments_to_the_fourth_order_across_tilts(monkeypatch):
             assert_mean(part(a), 0.0)
         product = np.square(np.abs(a) * np.abs(b))
         assert_mean(product, one * two + abs(between) ** 2, slack=4 * slack * one)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_mean(product, 1.3 * one * two)
+    refute_mean(product, 1.3 * one * two)
 
 
 def test_one_by_one_is_the_stack(monkeypatch):

@@ -6,7 +6,7 @@ from references import correlation_transfer
 from references.correlation_transfer import exchange, field_correlation, quadruple, transmittance
 from references.slab_covariance import slab_covariance
 from scipy.special import exp1
-from zscore import assert_mean
+from zscore import assert_mean, refute_mean
 
 from specklegen.core.errors import RuleError
 from specklegen.oracles.box_algorithms import Far, Setup, contributions
@@ -151,5 +151,4 @@ def test_algorithm_1_solves_the_same_equation(side):
     batches = np.array(batches)
     assert_mean(batches.real, expected.real)
     assert_mean(batches.imag, expected.imag)
-    with pytest.raises(AssertionError, match="z ="):  # 5 % of the multiple part
-        assert_mean(np.abs(batches[:, 1]), 1.05 * np.abs(expected[1]))
+    refute_mean(np.abs(batches[:, 1]), 1.05 * np.abs(expected[1]))  # 5 % of the multiple part

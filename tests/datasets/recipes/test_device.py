@@ -12,6 +12,7 @@ import pytest
 import torch
 from fake_recipe import FakeRecipe
 from one_object import one_object
+from refusals import assert_refused
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_flatten
 from torch.utils.data import DataLoader
@@ -115,8 +116,7 @@ def test_resuming_on_another_kind_of_device_is_said_or_refused():
     next(iter(here))
     state = here.state_dict()
     loader = SpeckleStream(Movable(samples=6), batch_size=2, device="meta").loader()
-    with pytest.raises(ValueError, match=r"device \('cpu' there, 'meta' here\)"):
-        loader.load_state_dict(state, strict_device=True)
+    assert_refused(lambda: loader.load_state_dict(state, strict_device=True), r"device \('cpu' there, 'meta' here\)")
     with pytest.warns(DoubtWarning, match="saved on 'cpu' and goes on on 'meta'"):
         loader.load_state_dict(state)
     assert loader.state_dict() == state | {"device": "meta"}
@@ -145,8 +145,7 @@ def test_workers_and_a_device_are_refused():
     ),
 ])  # fmt: skip
 def test_devices_that_are_not_there_are_refused(recipe, device, words):
-    with pytest.raises(ValueError, match=words):
-        SpeckleStream(recipe, device=device)
+    assert_refused(lambda: SpeckleStream(recipe, device=device), words)
 
 
 def test_every_tensor_of_an_object_is_on_the_device():

@@ -6,6 +6,7 @@ import itertools
 import numpy as np
 import pytest
 from quick_recipes import packaged, quick_recipe
+from refusals import assert_refused
 
 from specklegen.datasets import load_recipe, recipe_names
 from specklegen.datasets.objects import Bars, Digits, Folder, Glyphs, Photographs, Points
@@ -116,8 +117,7 @@ OD = "optical_depth"
 ])  # fmt: skip
 def test_bad_ranges_are_refused(ranges, message):
     table = dict(zip(SPLITS, ({"uniform": r} for r in ranges[1:]), strict=True)) | {"parameter": ranges[0]}
-    with pytest.raises(ValueError, match=message):
-        load_recipe("unknown-slab", {"material": {"by_split": table}})
+    assert_refused(lambda: load_recipe("unknown-slab", {"material": {"by_split": table}}), message)
 
 
 def test_notes_say_what_is_shared():

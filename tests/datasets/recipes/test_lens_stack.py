@@ -6,6 +6,7 @@ import pytest
 import specklegen as sg
 from specklegen.datasets.recipes.lens_stack import taken_power
 from specklegen.datasets.recipes.registry import KINDS
+from tests.refusals import assert_refused
 from tests.zscore import assert_z
 
 pytestmark = pytest.mark.filterwarnings("ignore::specklegen.DoubtWarning")
@@ -80,5 +81,4 @@ def test_planes_differ_and_media_do():
     ({"exposure": {"photons": 100.0}}, r"Recipe\.exposure must be left out"),
 ])  # fmt: skip
 def test_what_the_kind_does_not_make_is_refused_by_name(changes, message):
-    with pytest.raises(sg.RuleError, match=message):
-        recipe_of(**changes)
+    assert_refused(lambda: recipe_of(**changes), message)

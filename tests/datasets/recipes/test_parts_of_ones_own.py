@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from own_objects import Dim
+from refusals import assert_refused
 
-import specklegen as sg
 from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.datasets.recipes.parts.light import Light
@@ -44,8 +44,7 @@ class OwnStack(TiltStack):
 def test_a_further_field_is_refused_by_name(field):
     recipe = load_recipe("unknown-slab", SMALL | {"exposure": {"photons": 200.0}})
     part = {"light": Glowing(), "material": Layered(**recipe.material.model_dump(exclude_none=True))}[field]
-    with pytest.raises(sg.RuleError, match=f"Recipe.{field} must be of a class of this library"):
-        recipe.replace(**{field: part})
+    assert_refused(lambda: recipe.replace(**{field: part}), f"Recipe.{field} must be of a class of this library")
 
 
 def test_pictures_of_ones_own_are_asked_for():

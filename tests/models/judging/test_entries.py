@@ -5,11 +5,11 @@ import re
 
 import pytest
 import torch
+from refusals import assert_refused
 from scenes import ROOT
 from typer.testing import CliRunner
 
 from specklegen.cli import commands
-from specklegen.core.errors import RuleError
 from specklegen.models import benchmark
 from specklegen.models.judging.entries import UNNAMED, entry, read_entries, read_entry, table, write_entry
 from specklegen.models.judging.tasks import TASKS, VERSION
@@ -91,8 +91,7 @@ def test_a_complete_entry_is_asked_all(content):
 def test_what_is_no_entry_is_refused(content, tmp_path, change, said):
     change(content)
     (tmp_path / "mine.json").write_text(json.dumps(content))
-    with pytest.raises(RuleError, match=said):
-        read_entry(tmp_path / "mine.json")
+    assert_refused(lambda: read_entry(tmp_path / "mine.json"), said)
 
 
 def test_an_entry_of_an_earlier_version_is_read(content, tmp_path):
@@ -103,8 +102,7 @@ def test_an_entry_of_an_earlier_version_is_read(content, tmp_path):
 @pytest.mark.parametrize("text", ["{", "[1]"])
 def test_what_is_no_table_is_refused(tmp_path, text):
     (tmp_path / "mine.json").write_text(text)
-    with pytest.raises(RuleError, match=r"entry mine\.json must be"):
-        read_entry(tmp_path / "mine.json")
+    assert_refused(lambda: read_entry(tmp_path / "mine.json"), r"entry mine\.json must be")
 
 
 def test_entries_of_a_run_are_files(run, tmp_path):

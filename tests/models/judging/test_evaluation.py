@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from refusals import assert_refused
 from typer.testing import CliRunner
 
 from specklegen.cli import commands
@@ -175,8 +176,7 @@ def test_nothing_to_judge_is_refused(batch):
 
     with pytest.raises(ValueError, match="evaluate methods must be .*at least one"):
         evaluation.evaluate({}, (untouched() for _ in range(1)))
-    with pytest.raises(ValueError, match="evaluate batches must be at least one"):
-        evaluation.evaluate({"any": untouched}, [])
+    assert_refused(lambda: evaluation.evaluate({"any": untouched}, []), "evaluate batches must be at least one")
     film = {name: value for name, value in batch.items() if name != "image"}
     with pytest.raises(ValueError, match='evaluate batch must be one with "object", and "image" or "frames"'):
         evaluation.evaluate({"any": untouched}, [film])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import torch
+from refusals import assert_refused
 
-from specklegen.core.errors import RuleError
 from specklegen.datasets.objects import Glyphs
 from specklegen.models import load_solver
 from specklegen.models.learning.feedback import Measured
@@ -165,16 +165,14 @@ def test_draws_begin_at_images_that_are_given(seen):
 
 @pytest.mark.parametrize("first", [torch.ones(2, 36, 36), torch.ones(1, 1, 36, 36), torch.zeros(2, 1, 36, 36), "mean"])
 def test_first_images_are_one_for_each_object_and_bright(seen, first):
-    with pytest.raises(RuleError, match="posterior first must be"):
-        load_solver().posterior(*seen, first=first)
+    assert_refused(lambda: load_solver().posterior(*seen, first=first), "posterior first must be")
 
 
 def test_a_file_of_something_else_is_refused(tmp_path):
     from specklegen.models.learning.model_file import write_model
 
     write_model(tmp_path / "other.pt", {"name": "flow", "frame": 36}, {})
-    with pytest.raises(RuleError, match="prior must be a file that train_prior.py wrote"):
-        read_prior(tmp_path / "other.pt")
+    assert_refused(lambda: read_prior(tmp_path / "other.pt"), "prior must be a file that train_prior.py wrote")
 
 
 def test_the_net_takes_any_frame_and_needs_no_feedback():

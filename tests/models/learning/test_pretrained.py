@@ -5,9 +5,9 @@ from importlib.resources import files
 import numpy as np
 import pytest
 import torch
+from refusals import assert_refused
 from zscore import limit
 
-from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.datasets.loading.stream import tensors
 from specklegen.models.judging.baselines import mean_image
@@ -27,8 +27,7 @@ def test_it_is_small_and_has_a_card(name):
 
 
 def test_another_name_is_refused():
-    with pytest.raises(RuleError, match="load_pretrained name must be"):
-        load_pretrained(name="lab-wild")
+    assert_refused(lambda: load_pretrained(name="lab-wild"), "load_pretrained name must be")
 
 
 def test_what_was_trained_on_many_benches_sees_more_on_one_that_is_not_as_said():

@@ -7,6 +7,7 @@ import signal
 
 import pytest
 import torch
+from refusals import assert_refused
 from small_runs import DATA, HELD_OUT, SETTINGS, TINY, assert_same_run, checkpoint, squares
 from small_stores import claiming
 from typer.testing import CliRunner
@@ -73,13 +74,11 @@ def test_a_run_of_a_version_that_recorded_no_data_is_refused(tmp_path):
     state = checkpoint(tmp_path)
     del state["record"]
     torch.save(state, tmp_path / "checkpoint.pt")
-    with pytest.raises(RuleError, match="says what it was made with"):
-        train(SETTINGS, DATA, HELD_OUT, tmp_path)
+    assert_refused(lambda: train(SETTINGS, DATA, HELD_OUT, tmp_path), "says what it was made with")
 
 
 def test_validation_on_the_training_examples_is_refused(tmp_path):
-    with pytest.raises(RuleError, match="not trained on"):
-        train(SETTINGS, DATA, DATA, tmp_path)
+    assert_refused(lambda: train(SETTINGS, DATA, DATA, tmp_path), "not trained on")
 
 
 def test_another_stream_does_not_go_on_with_a_run(tmp_path):
@@ -197,8 +196,7 @@ def test_two_processes_do_not_train_in_one_folder(tmp_path):
     (tmp_path / "lock").touch()
     other = claiming(tmp_path / "lock", 0)
     try:
-        with pytest.raises(RuleError, match="no other process trains in"):
-            train(SETTINGS, DATA, HELD_OUT, tmp_path)
+        assert_refused(lambda: train(SETTINGS, DATA, HELD_OUT, tmp_path), "no other process trains in")
     finally:
         other.kill()
         other.wait(120)

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from refusals import assert_refused
 from scipy.stats import binomtest
 
 from specklegen.core.errors import RuleError
@@ -168,8 +169,7 @@ def test_file_holds_all_of_it(tmp_path):
         for old, new in zip(net.parameters(), read.parameters(), strict=True):
             assert (old - new).abs().max() <= old.abs().max() / 127
     (tmp_path / "one.pt").write_bytes((tmp_path / "one.pt").read_bytes()[:-3] + b"abc")
-    with pytest.raises(RuleError, match="as it was written"):
-        Solver.load(tmp_path / "one.pt")
+    assert_refused(lambda: Solver.load(tmp_path / "one.pt"), "as it was written")
 
 
 def told(extent):
@@ -204,8 +204,7 @@ def test_range_is_what_the_images_say_together(true):
 
 def test_half_a_memory_effect():
     assert range_of(lambda d: np.exp(-np.log(2) * np.square(np.asarray(d) / 7.0))) == pytest.approx(7.0, rel=1e-4)
-    with pytest.raises(RuleError, match="falls to one half"):
-        range_of(lambda d: np.ones(np.shape(d)))
+    assert_refused(lambda: range_of(lambda d: np.ones(np.shape(d))), "falls to one half")
 
 
 def test_shares_of_extents():

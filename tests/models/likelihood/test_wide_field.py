@@ -8,12 +8,12 @@ import pytest
 import torch
 from scipy.stats import norm
 
-from specklegen.core.errors import RuleError
 from specklegen.datasets.objects.scan import spot_of
 from specklegen.models import Optics
 from specklegen.models.likelihood import wide_field
 from specklegen.models.likelihood.wide_field import Seen, WideField, scanned_object
 from tests.core.test_shielded import CONTEXTS
+from tests.refusals import assert_refused
 
 SPOT, STEP, CAMERA, GRAIN, GRID, MOVE = 8, 2, 192, 2.0, (2, 4), 3
 OPTICS = Optics(step=float(STEP), grain=GRAIN)
@@ -133,5 +133,4 @@ def test_it_is_a_function_of_its_seed_alone(seen, monkeypatch):
     ({"starts": 0}, r"scanned_object starts must be"),
 ])  # fmt: skip
 def test_bad_arguments_are_refused(seen, change, rule):
-    with pytest.raises(RuleError, match=rule):
-        scanned_object(**given(seen[1]) | change)
+    assert_refused(lambda: scanned_object(**given(seen[1]) | change), rule)

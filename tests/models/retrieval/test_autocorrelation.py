@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
-from zscore import assert_mean
+from zscore import assert_mean, refute_mean
 
 from specklegen.core.errors import RuleError
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation
@@ -71,16 +71,14 @@ def test_photon_noise_is_subtracted():
     counts = np.random.default_rng(1).poisson(PHOTONS * patterns()).astype(float)
     counts += np.random.default_rng(2).normal(0, 1.5, counts.shape)
     assert_mean(measured(counts / PHOTONS, electrons=PHOTONS, read_noise=1.5), at(exact()), slack=SLACK)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_mean(measured(counts / PHOTONS), at(exact()), slack=SLACK)
+    refute_mean(measured(counts / PHOTONS), at(exact()), slack=SLACK)
 
 
 def test_the_test_has_power():
     """A lag count left out (the pairs at a lag over all pixels) must be caught."""
     y, x = np.array(KEPT).T
     share = (1 - np.abs(y) / SIDE) * (1 - np.abs(x) / SIDE)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_mean(measured(patterns()) * share, at(exact()), slack=SLACK)
+    refute_mean(measured(patterns()) * share, at(exact()), slack=SLACK)
 
 
 def test_autocorrelation_is_the_sum_over_pixel_pairs():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes import DATA, ISOTROPIC, flat_box, views
 from volume_batches import engine_batches, intensities
-from zscore import assert_mean, assert_z
+from zscore import assert_mean, assert_z, refute_mean, refute_z
 
 import specklegen as sg
 from specklegen.core.statistics import BATCHES, tail_factor
@@ -42,8 +42,7 @@ def test_intensities_are_those_of_the_reference(isotropic, monte_carlo):
     error = totals.std(axis=1, ddof=1) / 4
     assert_z(ours.sum(axis=0), totals.mean(axis=1), np.sqrt(2) * error, degrees=15)
     np.testing.assert_allclose(ours.sum(axis=0), totals.mean(axis=1), rtol=0.015)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(1.1 * ours.sum(axis=0), totals.mean(axis=1), np.sqrt(2) * error, degrees=15)
+    refute_z(1.1 * ours.sum(axis=0), totals.mean(axis=1), np.sqrt(2) * error, degrees=15)
 
 
 def test_every_entry_is_that_of_the_reference(isotropic, monte_carlo):
@@ -152,8 +151,7 @@ def test_cube_is_that_of_the_reference():
         assert_z(ours.real, reference[name], error, degrees=15)
     # Exact anchors of single scattering, forward and back.
     np.testing.assert_allclose(reference["I_single"][[0, 36]], [26.809, 397.87], rtol=0.02)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(2 * ours.real, reference[name], error, degrees=15)
+    refute_z(2 * ours.real, reference[name], error, degrees=15)
 
 
 @pytest.mark.parametrize("albedo", [1.0, 0.6])
@@ -167,8 +165,7 @@ def test_energy_in_flatland(albedo):
     lost = 10 * (1 - np.exp(-2))
     if albedo == 1.0:
         assert_mean(flux, lost)
-        with pytest.raises(AssertionError, match="z ="):
-            assert_mean(1.1 * flux, lost)
+        refute_mean(1.1 * flux, lost)
     else:
         assert flux.mean() < 0.75 * lost
 
