@@ -246,8 +246,7 @@ def largest(message):
     ("object_extent", 1.4, {}, r"whose image fills the camera; got 1\.4"),
     ("aperture", 12.0, {"pixel_pitch": 0.001, "pixels": (640, 640)}, r"mapping holds; got 12\.0\. .*phi_3 = 0\.7"),
     (
-        "aperture", 3.0, {"object_extent": 8.0, "pixel_pitch": 0.004, "pixels": (2000, 2000)},
-        r"phi_4 = .*aperture D",
+        "aperture", 3.0, {"object_extent": 8.0, "pixel_pitch": 0.004, "pixels": (2000, 2000)}, r"phi_4 = .*aperture D",
     ),
     ("bandwidth", 2e-5, {}, r"which moves the pattern by one speckle; got 2e-05"),
 ])  # fmt: skip
@@ -325,8 +324,7 @@ def test_every_laboratory_that_passes_keeps_its_correlation(log_u, log_v, log_ap
 
 @pytest.mark.parametrize(("make", "message"), [
     (
-        lambda: LabSetup(**{**EXAMPLE, "camera_distance": None}),
-        r"camera_distance must be given, or else focal_leng",
+        lambda: LabSetup(**{**EXAMPLE, "camera_distance": None}), r"camera_distance must be given, or else focal_leng",
     ),
     (lambda: LabSetup(**EXAMPLE, focal_length=50.0), r"not two of them; got \(50\.0, 50\.0, None\)"),
     (lambda: LabSetup(**{**EXAMPLE, "wavelength": -1}), r"LabSetup\.wavelength must be greater than 0"),

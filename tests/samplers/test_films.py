@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from zscore import assert_mean, assert_z
+from zscore import assert_mean, assert_z, refute_mean, refute_z
 
 import specklegen as sg
 from specklegen.core.statistics import jackknife
@@ -75,8 +75,7 @@ def test_the_comparison_has_power():
     scene, _ = CASES["slab"]
     g1, error = correlated(sg.render(scene, sampler="paths", paths=1000, seed=2, realizations=40, reverse=False).field)
     right, its = expected(THIN, 1.6 * TIMES)
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(g1, right, np.hypot(error, its), degrees=39)
+    refute_z(g1, right, np.hypot(error, its), degrees=39)
 
 
 def test_both_ways_of_a_path_move_together():
@@ -204,8 +203,7 @@ def test_both_samplers_draw_one_film():
     (time, late), (tilt, aside) = law(lags, np.zeros(6)), law(np.zeros(6), tilts)
     for k, e in ((paths, error), (classes, its)):
         assert_z(k, right, np.hypot(e, noise), degrees=63)
-        with pytest.raises(AssertionError, match="z ="):
-            assert_z(k, time * tilt, np.hypot(e, np.hypot(late, aside)), degrees=63)
+        refute_z(k, time * tilt, np.hypot(e, np.hypot(late, aside)), degrees=63)
 
 
 def fourth_cumulants(u):
@@ -228,8 +226,7 @@ def test_frames_are_jointly_gaussian_across_times_and_tilts(sampler, paths):
     u = tilting(sampler, paths)
     assert_z(*fourth_cumulants(u), degrees=63)
     jumps = np.where(np.random.default_rng(1).random(u.shape) < 0.7, u[:, :1], np.roll(u, 1, axis=0))
-    with pytest.raises(AssertionError, match="z ="):
-        assert_z(*fourth_cumulants(jumps), degrees=63)
+    refute_z(*fourth_cumulants(jumps), degrees=63)
 
 
 def test_a_causal_root_of_a_correlation():
@@ -264,8 +261,7 @@ def test_ends_move_by_the_law():
     for walked in (moved.first, moved.last, between):
         squares = np.square(walked).mean(axis=1)
         assert_mean(squares, 2 * x)
-        with pytest.raises(AssertionError, match="z ="):
-            assert_mean(squares, 1.9 * x)
+        refute_mean(squares, 1.9 * x)
 
 
 def test_a_plan_tells_of_motion():

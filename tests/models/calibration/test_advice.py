@@ -12,13 +12,10 @@ def slab(depth, g, **fields):
     return sg.Slab(thickness=1.0, mean_free_path=1 / depth, scatterer=sg.HenyeyGreenstein(g=g), **fields)
 
 
-@pytest.mark.parametrize(
-    ("depth", "g", "expected"),
-    [
-        (10.0, 0.9, {"thickness": 0.133, "optical_depth": 0.084, "g": 0.055, "transport_depth": 0.052}),
-        (30.0, 0.8, {"optical_depth": 3.16, "g": 3.26}), (20.0, 0.0, {"optical_depth": 2.26}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("depth", "g", "expected"), [
+    (10.0, 0.9, {"thickness": 0.133, "optical_depth": 0.084, "g": 0.055, "transport_depth": 0.052}),
+    (30.0, 0.8, {"optical_depth": 3.16, "g": 3.26}), (20.0, 0.0, {"optical_depth": 2.26}),
+])  # fmt: skip
 def test_errors_are_those_of_an_independent_program(depth, g, expected):
     found = sg.advise(slab(depth, g), wavelength=1e-3).rows[0]
     for name, error in expected.items():
@@ -52,17 +49,14 @@ def test_of_a_known_thickness_nothing_is_asked():
     assert some["optical_depth"] < every["optical_depth"]
 
 
-@pytest.mark.parametrize(
-    ("medium", "changes", "rule"),
-    [
-        (slab(10.0, 0.9, faces=sg.Faces(inside=1.33)), {}, "matched faces"),
-        (slab(10.0, 0.9).replace(scatterer=sg.VonMisesFisher(concentration=9.0)), {}, "Henyey-Greenstein"),
-        (slab(100.0, 0.9), {}, "within the atlas"),
-        (slab(10.0, 0.9), {"wavelength": -1.0}, "above 0"),
-        (slab(10.0, 0.9), {"free": ("depth",)}, "made of"),
-        (slab(10.0, 0.9), {"instruments": [TemporalCurve([0.1], None, 0.1)]}, "whose particles move"),
-    ],
-)
+@pytest.mark.parametrize(("medium", "changes", "rule"), [
+    (slab(10.0, 0.9, faces=sg.Faces(inside=1.33)), {}, "matched faces"),
+    (slab(10.0, 0.9).replace(scatterer=sg.VonMisesFisher(concentration=9.0)), {}, "Henyey-Greenstein"),
+    (slab(100.0, 0.9), {}, "within the atlas"),
+    (slab(10.0, 0.9), {"wavelength": -1.0}, "above 0"),
+    (slab(10.0, 0.9), {"free": ("depth",)}, "made of"),
+    (slab(10.0, 0.9), {"instruments": [TemporalCurve([0.1], None, 0.1)]}, "whose particles move"),
+])  # fmt: skip
 def test_bad_input_is_refused(medium, changes, rule):
     with pytest.raises(RuleError) as error:
         sg.advise(medium, **{"wavelength": 1e-3} | changes)

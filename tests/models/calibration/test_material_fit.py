@@ -205,27 +205,18 @@ def test_it_is_seen_and_told():
 CURVE = MemoryCurve([1e-4, 2e-4, 4e-4], [0.9, 0.7, 0.4], 0.01)
 
 
-@pytest.mark.parametrize(
-    ("changes", "rule"),
-    [
-        ({"observations": []}, "a sequence of them"),
-        ({"observations": [MemoryCurve([1e-4], None, 0.01)]}, "measured"),
-        ({"observations": [Transmittance(0.5, 0.1)]}, "at least 2 values"),
-        ({"wavelength": 0.0}, "above 0"),
-        ({"lobe": "gaussian"}, "one of"),
-        ({"faces": sg.Faces(inside=1.33)}, "matched"),
-        ({"known": {"depth": 1.0}}, "made of thickness"),
-        ({"known": {}}, "in one of them"),
-        ({"known": {"thickness": -1.0}}, "above 0"),
-        ({"known": {"thickness": 1.0, "g": 0.5}}, "none of them twice"),
-        ({"free": "g"}, "a sequence of names"),
-        ({"free": ("mean_free_path", "g", "diffusion")}, "without diffusion"),
-        ({"known": {"thickness": 1000.0, "mean_free_path": 1.0}, "free": ("g",)}, "within the atlas"),
-        ({"known": {"thickness": 1000.0, "g": 0.999}, "free": ("mean_free_path",)}, "within the atlas"),
-        ({"known": {"thickness": 1e6}}, "in radians"),
-        ({"observations": [TemporalCurve([0.1, 0.2, 0.3], [1.9, 1.5, 1.2], 0.1)]}, "in one of them"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "rule"), [
+    ({"observations": []}, "a sequence of them"), ({"observations": [MemoryCurve([1e-4], None, 0.01)]}, "measured"),
+    ({"observations": [Transmittance(0.5, 0.1)]}, "at least 2 values"), ({"wavelength": 0.0}, "above 0"),
+    ({"lobe": "gaussian"}, "one of"), ({"faces": sg.Faces(inside=1.33)}, "matched"),
+    ({"known": {"depth": 1.0}}, "made of thickness"), ({"known": {}}, "in one of them"),
+    ({"known": {"thickness": -1.0}}, "above 0"), ({"known": {"thickness": 1.0, "g": 0.5}}, "none of them twice"),
+    ({"free": "g"}, "a sequence of names"), ({"free": ("mean_free_path", "g", "diffusion")}, "without diffusion"),
+    ({"known": {"thickness": 1000.0, "mean_free_path": 1.0}, "free": ("g",)}, "within the atlas"),
+    ({"known": {"thickness": 1000.0, "g": 0.999}, "free": ("mean_free_path",)}, "within the atlas"),
+    ({"known": {"thickness": 1e6}}, "in radians"),
+    ({"observations": [TemporalCurve([0.1, 0.2, 0.3], [1.9, 1.5, 1.2], 0.1)]}, "in one of them"),
+])  # fmt: skip
 def test_bad_input_is_refused(changes, rule):
     given = {"observations": [CURVE], "wavelength": WAVELENGTH, "known": KNOWN, "free": FREE} | changes
     with pytest.raises(RuleError) as error:
