@@ -178,7 +178,6 @@ def _scattered(u, v, w, g):
         return a, b, cosine * math.copysign(1.0, w)
     across = math.sqrt(1.0 - w * w)
     return (
-        a * u * w / across - b * v / across + u * cosine,
-        a * v * w / across + b * u / across + v * cosine,
+        a * u * w / across - b * v / across + u * cosine, a * v * w / across + b * u / across + v * cosine,
         -a * across + w * cosine,
-    )
+    )  # fmt: skip
