@@ -106,13 +106,7 @@ class Renderable(Protocol):
 
 
 def stored_arrays(recipe: Renderable) -> dict[str, ArraySpec]:
-    """Return the arrays of the recipe's layout that a store holds, checked against one another.
-
-    Raises
-    ------
-    RuleError
-        If an axis name has two lengths (xarray could not open the store), or a name is reserved.
-    """
+    """Return the arrays of the recipe's layout that a store holds, checked against one another."""
     layout = {key: spec for key, spec in recipe.layout().items() if key not in ("index", "parameters")}
     lengths: dict[str, int] = {}
     for key, spec in layout.items():

@@ -116,11 +116,6 @@ def structural_similarity(image: Tensor, target: Tensor) -> Tensor:
 
     Only windows wholly inside the frame count, as in scikit-image, whose function has no gradient: this one is a loss
     too, on any device.
-
-    Raises
-    ------
-    RuleError
-        If a side is shorter than the window.
     """
     _require_alike(image, target)
     if min(image.shape[-2:]) < _WINDOW:

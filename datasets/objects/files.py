@@ -93,13 +93,7 @@ class FileFamily(ListedFamily):
 
     @cached_property
     def _labels(self) -> dict[str, int]:
-        """Label of each file of a tree of classes, by the SHA-256 of its bytes.
-
-        Raises
-        ------
-        RuleError
-            If one file lies in two classes.
-        """
+        """Label of each file of a tree of classes, by the SHA-256 of its bytes."""
         if not self.class_names:
             return {}
         folder = Path(self.path).expanduser()

@@ -92,13 +92,7 @@ class Unknowns:
 
 
 def unknowns_of(owner: str, known: Mapping[str, Any], free: Sequence[str], moving: bool) -> Unknowns:
-    """Return the unknowns of a fit; of what is not named, the albedo is 1 and no diffusion is looked for.
-
-    Raises
-    ------
-    RuleError
-        For a name that is none, or is both known and free, and for numbers missing or outside the tables.
-    """
+    """Return the unknowns of a fit; of what is not named, the albedo is 1 and no diffusion is looked for."""
     if not isinstance(known, Mapping):
         reject(f"{owner} known", 'a table of names and numbers, such as {"thickness": 1.0}', known)
     if isinstance(free, str) or not isinstance(free, Sequence) or not all(isinstance(each, str) for each in free):

@@ -58,13 +58,7 @@ def scaled(c_i: MemoryEffect, factor: float) -> MemoryEffect:
 
 
 def range_of(c_i: MemoryEffect) -> float:
-    """Distance in object pixels at which C_I is one half.
-
-    Raises
-    ------
-    RuleError
-        If it does not fall so far.
-    """
+    """Distance in object pixels at which C_I is one half."""
     values = np.asarray(c_i(_REACH))
     below = np.flatnonzero(values < 0.5)
     if not len(below) or below[0] == 0:

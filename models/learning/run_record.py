@@ -133,11 +133,6 @@ def require_held_out(data: SpeckleCache, validation: SpeckleCache) -> None:
     """Refuse a store to validate on whose media or objects the network is trained on.
 
     Only splits are disjoint, by medium and by object, whatever the recipe and the seed.
-
-    Raises
-    ------
-    RuleError
-        If it is of the split train, or of the split that is trained on.
     """
     trained, held_out = data.identity["split"], validation.identity["split"]
     if held_out == "train" or held_out == trained:

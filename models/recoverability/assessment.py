@@ -89,13 +89,7 @@ class Setup(NamedTuple):
 
 
 def setup_of(recipe: HiddenObject) -> Setup:
-    """Setup that a recipe describes.
-
-    Raises
-    ------
-    RuleError
-        If the recipe leaves open what a setup must know: the window, and the size of an object pixel.
-    """
+    """Setup that a recipe describes."""
     if recipe.fits_window:
         reject("setup window.width", "a length", "fitted", "State the width of the window of your setup.")
     field = recipe.field

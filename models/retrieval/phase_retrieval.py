@@ -104,11 +104,6 @@ def fourier_modulus(autocorrelation: Tensor, transfer: Tensor | None = None) -> 
     transfer
         Of :func:`~specklegen.models.retrieval.apodisation.transfer_function`: apodises the modulus by its root, which
         makes the diffraction-limited object the answer.
-
-    Raises
-    ------
-    RuleError
-        If an autocorrelation has no power at all.
     """
     columns = autocorrelation.shape[-1] // 2 + 1
     power = torch.fft.rfft2(autocorrelation).real.clamp_min(0)

@@ -9,13 +9,7 @@ if TYPE_CHECKING:
 
 
 def checked_device(field: str, device: "str | torch.device") -> "torch.device":
-    """Return a torch device that can hold numbers here.
-
-    Raises
-    ------
-    RuleError
-        If torch knows no such device, the machine has none, or it holds no numbers ("meta").
-    """
+    """Return a torch device that can hold numbers here."""
     import torch
 
     try:

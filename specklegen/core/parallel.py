@@ -31,13 +31,7 @@ def run_serial_in_this_process() -> None:
 
 
 def thread_count(threads: int | None = None) -> int:
-    """Return ``threads``, or by default the cores that this process may run on (1 in a worker).
-
-    Raises
-    ------
-    RuleError
-        If ``threads`` is no whole number from 1 to 4096.
-    """
+    """Return ``threads``, or by default the cores that this process may run on (1 in a worker)."""
     if threads is None:
         if _IN_WORKER:
             return 1

@@ -356,13 +356,7 @@ ComplexNumber = Annotated[complex, BeforeValidator(_complex_number), PlainSerial
 
 
 def unit_vectors(field: str, vectors: np.ndarray) -> np.ndarray:
-    """Check directions ``(..., d)``, d = 2 or 3, and return them normalised to the last bit.
-
-    Raises
-    ------
-    RuleError
-        If the last axis is not 2 or 3 long, or a vector's length differs from 1 by more than 1e-6.
-    """
+    """Check directions ``(..., d)``, d = 2 or 3, and return them normalised to the last bit."""
     if vectors.shape == (0,):  # no vectors at all: nested lists lose the last axis
         vectors = vectors.reshape(0, 3)
     if vectors.ndim < 1 or vectors.shape[-1] not in (2, 3):

@@ -155,13 +155,7 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
 
 
 def screens_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
-    """What ``render(scene, sampler="screens")`` draws its fields from, in closed form; its error is the planner's.
-
-    Raises
-    ------
-    RuleError
-        For a single weak screen, whose field is correlated with its mirror image.
-    """
+    """What ``render(scene, sampler="screens")`` draws its fields from, in closed form; its error is the planner's."""
     plan(scene, sampler="screens", threads=1)
     stack = scene.thin
     assert stack is not None

@@ -12,13 +12,7 @@ USUAL = 2718
 
 
 def listening(port: int | None = None) -> socket.socket:
-    """Return a socket of 127.0.0.1 where browsers may begin to wait: at a port, or at the usual one or any free one.
-
-    Raises
-    ------
-    ToldError
-        The port is taken.
-    """
+    """Return a socket of 127.0.0.1 where browsers may begin to wait: at a port, or at the usual one or any free one."""
     try:
         return socket.create_server(("127.0.0.1", port or USUAL))
     except OSError as error:

@@ -154,13 +154,7 @@ def _background_courant(courant: float) -> float:
 
 
 def phase_per_cell(omega: np.ndarray, courant: float) -> np.ndarray:
-    """Phase theta that a background wave of ``omega`` radians a step gains in one cell.
-
-    Raises
-    ------
-    RuleError
-        If the grid does not carry the frequency: sin(omega/2) > S.
-    """
+    """Phase theta that a background wave of ``omega`` radians a step gains in one cell."""
     omega = np.asarray(omega, dtype=float)
     highest = 2 * math.asin(_background_courant(courant))
     if omega.size and not (omega.min() >= 0 and omega.max() <= highest):

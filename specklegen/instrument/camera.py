@@ -290,11 +290,6 @@ def pixel_means(image: ArrayLike, factor: int) -> np.ndarray:
     -------
     means
         float64[..., H, W].
-
-    Raises
-    ------
-    RuleError
-        If the image has fewer than two axes, or sides that are no multiples of the factor.
     """
     image = np.asarray(image, dtype=np.float64)
     if image.ndim < 2:

@@ -112,13 +112,7 @@ def get(
 
 
 def known_wavelength(name: str, wavelength: float) -> float:
-    """Return a vacuum wavelength at which a preset is known, micrometres.
-
-    Raises
-    ------
-    RuleError
-        If there is no such preset, or its formulas do not reach there.
-    """
+    """Return a vacuum wavelength at which a preset is known, micrometres."""
     low, high = about(name).wavelengths
     if not low <= real_number(f"materials.get({name!r}) wavelength", wavelength) <= high:
         reject(f"materials.get({name!r}) wavelength", f"{low:g} to {high:g} micrometres, in vacuum", wavelength)

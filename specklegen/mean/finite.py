@@ -27,13 +27,7 @@ _VIEWS_AT_ONCE = 32
 
 
 def scattered_mean(scene: Scene, most_nodes: float) -> np.ndarray:
-    """complex128[T, V]: to rounding for plane waves on a box, else within ``TOLERANCE``.
-
-    Raises
-    ------
-    RuleError
-        For particles that scatter nothing forward, or more than ``most_nodes`` quadrature nodes.
-    """
+    """complex128[T, V]: to rounding for plane waves on a box, else within ``TOLERANCE``."""
     lights, views = scene.lights, scene.views
     if not len(lights) or not len(views):
         return np.zeros((len(lights), len(views)), np.complex128)
@@ -52,13 +46,7 @@ def scattered_mean(scene: Scene, most_nodes: float) -> np.ndarray:
 
 
 def forward_ratio(scatterer: Scatterer, cosines: np.ndarray, dimension: int) -> np.ndarray:
-    """s(cos) / s(1), of the shape of ``cosines``; the mean over a mixture's types.
-
-    Raises
-    ------
-    RuleError
-        Where s(1) = 0: the optical theorem then has no extinction to give.
-    """
+    """s(cos) / s(1), of the shape of ``cosines``; the mean over a mixture's types."""
     ratio = np.zeros(np.shape(cosines), np.complex128)
     space = 3 if dimension == 3 else 2
     for particle, share in scatterer.components:

@@ -37,13 +37,7 @@ class Range(NamedTuple):
 
 
 def found_range(raw: np.ndarray, bit_depth: int | None, field: str) -> Range:
-    """Find bits and saturation of raw numbers[n, h, w]; ``bit_depth`` where they are known.
-
-    Raises
-    ------
-    RuleError
-        If the bits are not from 1 to 16, too few for the numbers, or the numbers are not whole.
-    """
+    """Find bits and saturation of raw numbers[n, h, w]; ``bit_depth`` where they are known."""
     finite = raw if raw.dtype.kind != "f" else raw[np.isfinite(raw)]
     values, numbers = _histogram(finite)
     whole = not (values % 1).any() and values[0] >= 0

@@ -40,13 +40,7 @@ def given_region(given: Any, shape: tuple[int, int], field: str) -> Region:
 
 
 def lit_region(light: np.ndarray, good: np.ndarray, field: str) -> Region:
-    """Find the largest rectangle of a mean image[h, w] whose blocks all have light.
-
-    Raises
-    ------
-    RuleError
-        If no such rectangle is large enough.
-    """
+    """Find the largest rectangle of a mean image[h, w] whose blocks all have light."""
     side = max(1, -(-max(light.shape) // _BLOCKS))
     edges = [np.arange(0, pixels, side) for pixels in light.shape]
     total, number = (

@@ -94,11 +94,6 @@ def estimate_oblique_correlation(
     """Estimate K_v of a slab about a light and a view float64[3] (unit vectors of travel) from ``paths`` paths.
 
     It does not depend on the wavelength: q R does. ``transfer`` collects what motion needs.
-
-    Raises
-    ------
-    RuleError
-        For a light or a view aside of the axis where layers refract.
     """
     require_scalar("estimate_oblique_correlation medium", medium)
     if refracting_layers(medium):

@@ -54,13 +54,7 @@ def sideways(volume: Volume) -> bool:
 
 
 def lit_elsewhere(scene: Scene, bank: PathBank) -> list[Decision]:
-    """What films by path sums lose where the window comes to light other particles, for their paths stay under it.
-
-    Raises
-    ------
-    RuleError
-        Where nothing else decorrelates.
-    """
+    """What films by path sums lose where the window comes to light other particles, for their paths stay under it."""
     if not (scene.film and scene.volume.flows and len(bank)):
         return []
     velocity = velocity_at(volume_of(scene.volume, scene.dimension), bank.entry)

@@ -53,13 +53,7 @@ class LitPlane:
 
 
 def lens_of(scene: Scene) -> Lens:
-    """The lens of a scene, its pupil sampled as finely as the lit plane asks for.
-
-    Raises
-    ------
-    RuleError
-        If it was asked for so few views that the image would wrap around.
-    """
+    """The lens of a scene, its pupil sampled as finely as the lit plane asks for."""
     camera: Imaging = scene.sensor  # type: ignore[assignment]
     lit = lit_plane(scene)
     asked = lit.extent / 2 + max(lit.extent / 2, camera.reach)

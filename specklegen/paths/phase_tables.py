@@ -28,13 +28,7 @@ _SPREAD = 0.1  # of first directions, drawn from Henyey and Greenstein's lobe of
 
 @remembered(32)
 def phase_table(materials: tuple[Scatterer, ...], dimensions: Dimensions) -> PhaseTable:
-    """Lay out the particle types of some materials for the kernels, in order; arrays are read-only.
-
-    Raises
-    ------
-    RuleError
-        If ``dimensions`` is neither 2 nor 3, or a particle has no meaning in that many.
-    """
+    """Lay out the particle types of some materials for the kernels, in order; arrays are read-only."""
     if dimensions not in (2, 3):
         reject("phase_table dimensions", "2 or 3", dimensions)
     parts = [material.components for material in materials]

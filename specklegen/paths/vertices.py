@@ -76,11 +76,6 @@ def vertex_paths(slab: Slab, photons: int, kept: int, seed: Seed) -> VertexPaths
         Paths kept are some more where few weights are large.
     seed
         Of all of them.
-
-    Raises
-    ------
-    RuleError
-        For refracting faces, and where no light comes back.
     """
     if not slab.faces.matched:
         reject("vertex_paths slab", "of matched faces, which reflect nothing", slab.faces, "Leave faces out.")

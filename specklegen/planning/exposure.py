@@ -37,13 +37,7 @@ _SHIFTS, _TRANSFERS = 513, 65
 
 
 def with_sub_frames(scene: Scene, tolerance: float) -> tuple[Scene, list[Decision]]:
-    """The scene with a number of sub-frames for every exposure, and what is to be said of them.
-
-    Raises
-    ------
-    RuleError
-        Where an exposure takes too many of them for the tolerance.
-    """
+    """The scene with a number of sub-frames for every exposure, and what is to be said of them."""
     light = scene.illumination
     if getattr(light, "exposure", None) is None or not len(light.vectors):  # beams alone have any
         return scene, []

@@ -68,11 +68,6 @@ def stack_axes(scene: Scene, drift: np.ndarray | None = None) -> tuple[Axis, Axi
     """Cells of the exit plane along x and y for all tilts and views of a scene.
 
     ``drift`` float64[T, 2] is how far the medium has moved at each beam.
-
-    Raises
-    ------
-    RuleError
-        If the tilts, or the drift, reach too far for a transform of reasonable size.
     """
     beams, grid = scene.beams, scene.sensor
     assert isinstance(grid, FarFieldGrid)

@@ -225,11 +225,6 @@ def light_modes(
         Share of contrast^2 that may go lost with the weakest modes, whose mean stays as an even brightness.
     most
         Modes above which to refuse.
-
-    Raises
-    ------
-    RuleError
-        If the band holds more coherence widths than ``most`` modes can show.
     """
     passed = correlation.joint.sum(axis=0)
     used = passed > 0

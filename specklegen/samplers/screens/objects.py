@@ -24,14 +24,7 @@ _LOST = 0.02  # correlation that may be lost to what objects have no model of
 
 
 def screen_imagings(request: MediaRequest) -> list[tuple[list[int], Imaging]]:
-    """Prepare to draw and image objects behind screens; see :func:`specklegen.synthesis.imaging.imagings`.
-
-    Raises
-    ------
-    RuleError
-        For screens so weak that images are correlated with their mirror image, tilts at which the index tells, or
-        films through more than two screens whose frames are not like tilts.
-    """
+    """Prepare to draw and image objects behind screens; see :func:`specklegen.synthesis.imaging.imagings`."""
     sight, moved = request.sight, request.moved
     stacks = [make() for make in request.media]
     assert all(isinstance(stack, ScreenStack) for stack in stacks)

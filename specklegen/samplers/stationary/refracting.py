@@ -37,13 +37,7 @@ from specklegen.scene.scene import Scene
 
 
 def refracting_decision(scene: Scene, request: Request, obstacle: str | None) -> Decision:
-    """Decide on a scene of layers that refract: served with the correlation of the axis, or left to path sums.
-
-    Raises
-    ------
-    RuleError
-        Where the stationary sampler is asked for and cannot serve it.
-    """
+    """Decide on a scene of layers that refract: served with the correlation of the axis, or left to path sums."""
     obstacle = obstacle or _beyond_axis(scene)
     if obstacle and request.asked == "stationary":
         reject("sampler", '"paths" or "auto" for this scene', request.asked, f"The stationary sampler {obstacle}.")

@@ -111,13 +111,7 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
 
 @remembered(64)
 def exit_axes(scene: Scene) -> tuple[Axis, Axis]:
-    """Return the cells of the exit plane for a scene, wider where its medium moves as one.
-
-    Raises
-    ------
-    RuleError
-        If the tilts, or the medium, reach too far for a transform of reasonable size.
-    """
+    """Return the cells of the exit plane for a scene, wider where its medium moves as one."""
     moved = drifted(scene)
     return stack_axes(scene, None if moved is None else moved[:, :2])
 
