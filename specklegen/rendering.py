@@ -181,15 +181,9 @@ def _placed(whose: str, axes: tuple[str, ...], vectors: np.ndarray, near: bool) 
 
 @shielded()
 def render(
-    scene: Scene,
-    *,
-    budget: Budget | None = None,
-    realizations: int | None = None,
-    sampler: AnySampler = "auto",
-    mean: bool = False,
-    field_tolerance: float = 1e-3,
-    **fields: Unpack[BudgetFields],
-) -> SpeckleStack:
+    scene: Scene, *, budget: Budget | None = None, realizations: int | None = None, sampler: AnySampler = "auto",
+    mean: bool = False, field_tolerance: float = 1e-3, **fields: Unpack[BudgetFields],
+) -> SpeckleStack:  # fmt: skip
     """Render correlated speckle of one medium (or of several) at every tilt and view of a scene.
 
     A pure function of its arguments but ``threads``: the same call gives the same bits, and realization r of a sampler

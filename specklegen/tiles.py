@@ -28,15 +28,9 @@ from specklegen.scene.scene import Scene
 
 @shielded()
 def render_tiles(
-    scene: Scene,
-    *,
-    budget: Budget | None = None,
-    realization: int | None = None,
-    sampler: AnySampler = "auto",
-    mean: bool = False,
-    field_tolerance: float = 1e-3,
-    **fields: Unpack[BudgetFields],
-) -> Iterator[tuple[Where, np.ndarray]]:
+    scene: Scene, *, budget: Budget | None = None, realization: int | None = None, sampler: AnySampler = "auto",
+    mean: bool = False, field_tolerance: float = 1e-3, **fields: Unpack[BudgetFields],
+) -> Iterator[tuple[Where, np.ndarray]]:  # fmt: skip
     """Render a stack piece by piece, in memory that its size does not bound.
 
     Parameters

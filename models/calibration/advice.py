@@ -109,12 +109,9 @@ class Advice(Pictured):
 
 @shielded()
 def advise(
-    slab: Slab,
-    *,
-    wavelength: float,
-    instruments: Observation | Sequence[Observation] | None = None,
+    slab: Slab, *, wavelength: float, instruments: Observation | Sequence[Observation] | None = None,
     free: Sequence[str] = ("thickness", "mean_free_path", "g"),
-) -> Advice:
+) -> Advice:  # fmt: skip
     """Say how well a slab would be known from measurements, and which one to add.
 
     Parameters

@@ -310,14 +310,10 @@ class MaterialFit(Pictured):
 
 @shielded()
 def fit_material(
-    observations: Observation | Sequence[Observation],
-    *,
-    wavelength: float,
-    known: Mapping[str, float] | None = None,
-    free: Sequence[str] = ("thickness", "mean_free_path", "g"),
-    faces: Faces | None = None,
+    observations: Observation | Sequence[Observation], *, wavelength: float, known: Mapping[str, float] | None = None,
+    free: Sequence[str] = ("thickness", "mean_free_path", "g"), faces: Faces | None = None,
     lobe: str = "henyey-greenstein",
-) -> MaterialFit:
+) -> MaterialFit:  # fmt: skip
     """Fit a slab to what was measured of it.
 
     Parameters

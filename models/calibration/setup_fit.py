@@ -211,15 +211,10 @@ class SetupFit(Pictured):
 
 
 def fit_setup(
-    photographs: Source | Measurement,
-    *,
-    envelope: Source | None = "fit",
-    dark: Source | float | None = None,
-    pixel_integration: bool = True,
-    profile: str | None = None,
-    target: np.ndarray | None = None,
+    photographs: Source | Measurement, *, envelope: Source | None = "fit", dark: Source | float | None = None,
+    pixel_integration: bool = True, profile: str | None = None, target: np.ndarray | None = None,
     target_step: float = 1.0,
-) -> SetupFit:
+) -> SetupFit:  # fmt: skip
     """Find grain, iris, contrast and noise from photographs of speckle of one point of light, or of a known target.
 
     Parameters

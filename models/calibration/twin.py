@@ -168,16 +168,10 @@ class Twin(Pictured):
 
 
 def twin(
-    photographs: Source | Measurement,
-    recipe: Recipe | str | None = None,
-    *,
-    images: int = 64,
-    envelope: Source | None = None,
-    dark: Source | float | None = None,
-    pixel_integration: bool = True,
-    profile: str | None = None,
-    seed: int = 0,
-) -> Twin:
+    photographs: Source | Measurement, recipe: Recipe | str | None = None, *, images: int = 64,
+    envelope: Source | None = None, dark: Source | float | None = None, pixel_integration: bool = True,
+    profile: str | None = None, seed: int = 0,
+) -> Twin:  # fmt: skip
     """Compare photographs with simulated ones, and name what differs.
 
     Parameters

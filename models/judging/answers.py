@@ -154,10 +154,9 @@ class Regression(NamedTuple):
 
 
 def judge(
-    model: Reconstructor,
-    batches: Iterable[Mapping[str, Any]],
+    model: Reconstructor, batches: Iterable[Mapping[str, Any]],
     beside: Mapping[str, Callable[[Mapping[str, Any]], np.ndarray]] = MappingProxyType({}),
-) -> Classification | Regression:
+) -> Classification | Regression:  # fmt: skip
     """Ask a network that tells labels or numbers of every batch.
 
     ``beside`` are other methods by their names, functions of a batch to the numbers float64[B, K].

@@ -78,10 +78,9 @@ class MapScores(NamedTuple):
 
 
 def judge_maps(
-    model: Reconstructor,
-    batches: Iterable[Mapping[str, Any]],
+    model: Reconstructor, batches: Iterable[Mapping[str, Any]],
     beside: Mapping[str, Callable[[Mapping[str, Any]], np.ndarray]] = MappingProxyType({}),
-) -> MapScores:
+) -> MapScores:  # fmt: skip
     """Ask a network that draws maps of contrast of every batch, and other methods, functions of a batch to maps."""
     methods = {"network": lambda batch: model.tell(batch).double().cpu().numpy(), **beside}
     errors: dict[str, list[np.ndarray]] = {name: [] for name in methods}

@@ -53,22 +53,11 @@ def shuffled(examples: Examples, training: Training) -> Batches:
 
 
 def train(
-    training: Training,
-    data: Examples | tuple[Batches, int],
-    validation: Examples,
-    folder: str | os.PathLike,
-    *,
-    seconds: float | None = None,
-    device: str = "cpu",
-    progress: Callable[[dict[str, float]], None] | None = None,
-    steps: Callable[[int, int], None] | None = None,
-    about: Mapping[str, Any] | None = None,
-    save_every: float = 300.0,
-    stop_after: int | None = None,
-    begun: float | None = None,
-    reserve: float = 0.0,
-    start: Reconstructor | None = None,
-) -> Reconstructor:
+    training: Training, data: Examples | tuple[Batches, int], validation: Examples, folder: str | os.PathLike, *,
+    seconds: float | None = None, device: str = "cpu", progress: Callable[[dict[str, float]], None] | None = None,
+    steps: Callable[[int, int], None] | None = None, about: Mapping[str, Any] | None = None, save_every: float = 300.0,
+    stop_after: int | None = None, begun: float | None = None, reserve: float = 0.0, start: Reconstructor | None = None,
+) -> Reconstructor:  # fmt: skip
     """Train a network, or go on where the run in this folder was stopped.
 
     A finished run goes on if more epochs, or more seconds, are asked for; the learning rate is then that of the
@@ -153,17 +142,10 @@ def train(
 
 
 def _trained(
-    run: Run,
-    batches: Batches,
-    length: int,
-    interrupt: Interrupt,
-    seconds: float | None,
-    save_every: float,
-    stop_after: int | None,
-    progress: Callable[[dict[str, float]], None] | None,
-    steps: Callable[[int, int], None] | None,
-    reserve: float,
-) -> Reconstructor:
+    run: Run, batches: Batches, length: int, interrupt: Interrupt, seconds: float | None, save_every: float,
+    stop_after: int | None, progress: Callable[[dict[str, float]], None] | None,
+    steps: Callable[[int, int], None] | None, reserve: float,
+) -> Reconstructor:  # fmt: skip
     run.finished |= run.spent_but(0.0, seconds)
     closing = 0.0 if seconds is None or run.finished else reserve + run.time_of_validation()
     loss_of = TARGETS[run.training.target].loss or loss_named(run.training.loss)

@@ -87,15 +87,9 @@ class Multiframe(Pictured):
 
 @shielded()
 def multiframe_deconvolution(
-    images: Tensor,
-    optics: Optics,
-    size: int,
-    *,
-    background: float = 0.0,
-    sigma: float | None = None,
-    starts: int = 8,
+    images: Tensor, optics: Optics, size: int, *, background: float = 0.0, sigma: float | None = None, starts: int = 8,
     seed: Seed = 0,
-) -> Multiframe:
+) -> Multiframe:  # fmt: skip
     """Find several objects from one image of each through the same medium at rest: no prior, no training, no C_I.
 
     It needs images of different objects, two at least, five are better, that lie within the memory-effect range and

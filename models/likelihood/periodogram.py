@@ -62,14 +62,9 @@ class Periodogram(NamedTuple):
 
 
 def periodogram(
-    images: Tensor,
-    *,
-    tile: int | None = None,
-    background: float = 0.0,
-    sigma: float | None = None,
-    electrons: float = float("inf"),
-    read_noise: float = 0.0,
-) -> Periodogram:
+    images: Tensor, *, tile: int | None = None, background: float = 0.0, sigma: float | None = None,
+    electrons: float = float("inf"), read_noise: float = 0.0,
+) -> Periodogram:  # fmt: skip
     """Periodogram of camera images.
 
     Parameters

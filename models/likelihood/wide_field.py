@@ -79,18 +79,9 @@ class WideField(Pictured):
 
 @shielded()
 def scanned_object(
-    images: Tensor,
-    spot: Tensor,
-    places: Tensor,
-    optics: Optics,
-    memory_effect: Tensor,
-    *,
-    light: Tensor | None = None,
-    background: float = 0.0,
-    electrons: float = float("inf"),
-    starts: int = 4,
-    seed: Seed = 0,
-) -> WideField:
+    images: Tensor, spot: Tensor, places: Tensor, optics: Optics, memory_effect: Tensor, *, light: Tensor | None = None,
+    background: float = 0.0, electrons: float = float("inf"), starts: int = 4, seed: Seed = 0,
+) -> WideField:  # fmt: skip
     """Find a wide object from exposures under a spot of light that is moved over it.
 
     Spots should overlap by two thirds of their side, and each be narrower than two memory-effect ranges; the camera

@@ -385,15 +385,9 @@ def _contrast_error(lags: np.ndarray, frames: np.ndarray, variance: float, reach
 
 
 def _foretold(
-    frames: np.ndarray,
-    band: Band,
-    noise: float,
-    variance: float,
-    extent: float,
-    grains: float,
-    bent: float,
+    frames: np.ndarray, band: Band, noise: float, variance: float, extent: float, grains: float, bent: float,
     seen: Measurement,
-) -> tuple[float, int | None, tuple[Reason, ...]]:
+) -> tuple[float, int | None, tuple[Reason, ...]]:  # fmt: skip
     """Logarithm of the odds; frames that would do, None where none would; what stands in the way."""
     fy, fx = band.frequencies
     v, u = np.meshgrid(fy * band.grain[0], fx * band.grain[1], indexing="ij")

@@ -172,14 +172,9 @@ def judge(conditions: Conditions) -> Verdict:
 
 
 def recoverable(
-    recipe: HiddenObject | str | Path,
-    *,
-    compensation: bool = True,
-    beam: float = float("inf"),
-    removal: float = 0.0,
-    media: int = 4,
-    seed: int = 0,
-) -> Verdict:
+    recipe: HiddenObject | str | Path, *, compensation: bool = True, beam: float = float("inf"), removal: float = 0.0,
+    media: int = 4, seed: int = 0,
+) -> Verdict:  # fmt: skip
     """Predict whether phase retrieval recovers the objects of a recipe.
 
     Parameters
@@ -228,15 +223,9 @@ def recoverable(
 
 
 def conditions_of(
-    recipe: HiddenObject,
-    *,
-    compensation: bool = True,
-    beam: float = float("inf"),
-    removal: float = 0.0,
-    seed: int = 0,
-    split: Split = "train",
-    medium: int = 0,
-) -> Conditions:
+    recipe: HiddenObject, *, compensation: bool = True, beam: float = float("inf"), removal: float = 0.0, seed: int = 0,
+    split: Split = "train", medium: int = 0,
+) -> Conditions:  # fmt: skip
     """Conditions of a recipe's images through one of its media.
 
     Raises

@@ -118,14 +118,9 @@ def fourier_modulus(autocorrelation: Tensor, transfer: Tensor | None = None) -> 
 
 
 def retrieve(
-    autocorrelation: Tensor,
-    retrieval: Retrieval | None = None,
-    *,
-    memory_effect: Tensor | None = None,
-    transfer: Tensor | None = None,
-    seed: Seed = 0,
-    threads: int | None = None,
-) -> Retrieved:
+    autocorrelation: Tensor, retrieval: Retrieval | None = None, *, memory_effect: Tensor | None = None,
+    transfer: Tensor | None = None, seed: Seed = 0, threads: int | None = None,
+) -> Retrieved:  # fmt: skip
     """Retrieve the images behind a batch of autocorrelations; each depends on nothing but its own and the seed.
 
     Parameters

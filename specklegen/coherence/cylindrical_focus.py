@@ -252,14 +252,9 @@ class CylindricalFocus(Value):
         return field * np.sqrt(distance / s) if measurement else field
 
     def monte_carlo(
-        self,
-        n_rays: int,
-        sampling: Literal["stratified", "uniform"] = "stratified",
-        *,
-        seed: int,
-        calibrated: bool = True,
-        threads: int | None = None,
-    ) -> GreensMatrix:
+        self, n_rays: int, sampling: Literal["stratified", "uniform"] = "stratified", *, seed: int,
+        calibrated: bool = True, threads: int | None = None,
+    ) -> GreensMatrix:  # fmt: skip
         """Estimate the Green's function by tracing rays.
 
         Parameters

@@ -223,15 +223,9 @@ def shared_speckle(
 
 @shielded()
 def render_partially_coherent(
-    scene: Scene,
-    coherence_length: float,
-    *,
-    budget: Budget | None = None,
-    realizations: int | None = None,
-    sampler: AnySampler = "auto",
-    field_tolerance: float = 1e-3,
-    **fields: Unpack[BudgetFields],
-) -> SpeckleStack:
+    scene: Scene, coherence_length: float, *, budget: Budget | None = None, realizations: int | None = None,
+    sampler: AnySampler = "auto", field_tolerance: float = 1e-3, **fields: Unpack[BudgetFields],
+) -> SpeckleStack:  # fmt: skip
     """Render a scene whose beams are partially coherent instead of coherent.
 
     Parameters

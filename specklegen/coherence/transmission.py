@@ -32,14 +32,9 @@ _NULL = 1e-12  # of the trace: power below which a mode is rounding
 
 @shielded()
 def transmission_matrix(
-    scene: Scene,
-    modes: np.ndarray | None = None,
-    *,
-    budget: Budget | None = None,
-    sampler: AnySampler = "paths",
-    mean: bool = False,
-    **fields: Unpack[BudgetFields],
-) -> GreensMatrix:
+    scene: Scene, modes: np.ndarray | None = None, *, budget: Budget | None = None, sampler: AnySampler = "paths",
+    mean: bool = False, **fields: Unpack[BudgetFields],
+) -> GreensMatrix:  # fmt: skip
     """Return the transmission matrix of one medium, sensor pixels x illumination modes.
 
     Parameters

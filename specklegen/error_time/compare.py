@@ -56,12 +56,9 @@ def serving(scene: Scene, probes: Probes) -> list[Sampler]:
 
 
 def compare(
-    scene: Scene,
-    *,
-    seconds: float = 20.0,
-    seed: int = 0,
+    scene: Scene, *, seconds: float = 20.0, seed: int = 0,
     progress: Callable[[str, int], None] = lambda sampler, count: None,
-) -> Iterator[Row]:
+) -> Iterator[Row]:  # fmt: skip
     """Run every sampler that serves a scene at counts a factor 4 apart, each for its share of a time.
 
     Parameters

@@ -122,13 +122,9 @@ class EquivalentSlab:
 
 
 def coherent_transmission(
-    layer: RandomLayer,
-    wavelength: float,
-    method: Literal["cumulant", "transfer_matrix"] = "cumulant",
-    *,
-    n_realizations: int = 4000,
-    seed: int = 0,
-) -> CoherentTransmission:
+    layer: RandomLayer, wavelength: float, method: Literal["cumulant", "transfer_matrix"] = "cumulant", *,
+    n_realizations: int = 4000, seed: int = 0,
+) -> CoherentTransmission:  # fmt: skip
     """Mean transmission of a plane wave of vacuum ``wavelength`` through the layer.
 
     Parameters

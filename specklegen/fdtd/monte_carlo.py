@@ -25,16 +25,10 @@ _BLOCK = 128  # media held in memory at a time, per thread
 
 
 def monte_carlo_mean(
-    layer: RandomLayer,
-    n_realizations: int,
-    method: Literal["transfer_matrix", "fdtd"] = "transfer_matrix",
-    *,
-    seed: int = 0,
-    pulse: Pulse | None = None,
-    courant: float | None = None,
-    margin: int = MARGIN,
+    layer: RandomLayer, n_realizations: int, method: Literal["transfer_matrix", "fdtd"] = "transfer_matrix", *,
+    seed: int = 0, pulse: Pulse | None = None, courant: float | None = None, margin: int = MARGIN,
     threads: int | None = None,
-) -> MeanField:
+) -> MeanField:  # fmt: skip
     """Average the scattered field over realizations 0 .. n - 1 of the layer.
 
     Parameters
@@ -106,13 +100,9 @@ def _grid_responses(kappa: np.ndarray, incidence: Incidence) -> tuple[np.ndarray
 
 
 def _sums(
-    layer: RandomLayer,
-    incidence: Incidence,
-    seed: int,
-    bounds: tuple[int, int],
-    scattering: Callable[[np.ndarray, Incidence], tuple[np.ndarray, np.ndarray]],
-    products: bool,
-) -> list[tuple[np.ndarray, np.ndarray]]:
+    layer: RandomLayer, incidence: Incidence, seed: int, bounds: tuple[int, int],
+    scattering: Callable[[np.ndarray, Incidence], tuple[np.ndarray, np.ndarray]], products: bool,
+) -> list[tuple[np.ndarray, np.ndarray]]:  # fmt: skip
     """Sum over media of the samples x, and of x x^T (``products``) or x^2, for back and forward."""
     blocks = []
     for first in range(bounds[0], bounds[1], _BLOCK):

@@ -26,17 +26,11 @@ _BLOCK = 64  # cells whose currents are transformed together
 
 
 def single_realization(
-    layer: RandomLayer,
-    order: int = 2,
-    method: Literal["fdtd", "frequency"] = "fdtd",
-    covariance: Literal["stationary", "sample"] = "stationary",
-    *,
-    kappa: np.ndarray | None = None,
-    delays: Literal["all", "single"] = "all",
-    pulse: Pulse | None = None,
-    courant: float | None = None,
+    layer: RandomLayer, order: int = 2, method: Literal["fdtd", "frequency"] = "fdtd",
+    covariance: Literal["stationary", "sample"] = "stationary", *, kappa: np.ndarray | None = None,
+    delays: Literal["all", "single"] = "all", pulse: Pulse | None = None, courant: float | None = None,
     margin: int = MARGIN,
-) -> ScatteredField:
+) -> ScatteredField:  # fmt: skip
     """Mean scattered field to Born order 1 or 2.
 
     Parameters

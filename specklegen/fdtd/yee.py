@@ -24,16 +24,9 @@ Form = Literal["total", "scattered"]
 
 
 def yee(
-    layer: RandomLayer,
-    courant: float | None = None,
-    pulse: Pulse | None = None,
-    *,
-    kappa: np.ndarray | None = None,
-    seed: int = 0,
-    form: Form = "total",
-    margin: int = MARGIN,
-    stability: Literal["bound", "eigen"] = "bound",
-) -> ScatteredField:
+    layer: RandomLayer, courant: float | None = None, pulse: Pulse | None = None, *, kappa: np.ndarray | None = None,
+    seed: int = 0, form: Form = "total", margin: int = MARGIN, stability: Literal["bound", "eigen"] = "bound",
+) -> ScatteredField:  # fmt: skip
     """March a pulse through media of a layer and record what they scatter.
 
     Parameters

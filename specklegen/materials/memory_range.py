@@ -65,18 +65,9 @@ class MemoryRange:
 
 
 def memory_range(
-    name: str,
-    wavelength: float,
-    thickness: float,
-    *,
-    outside: Sequence[float | None] = (1.0, 1.33),
-    unit: float = 1e-6,
-    draws: int = 32,
-    paths: int = 10_000,
-    seed: Seed = 0,
-    lobe: str | None = None,
-    **numbers: float,
-) -> MemoryRange:
+    name: str, wavelength: float, thickness: float, *, outside: Sequence[float | None] = (1.0, 1.33),
+    unit: float = 1e-6, draws: int = 32, paths: int = 10_000, seed: Seed = 0, lobe: str | None = None, **numbers: float,
+) -> MemoryRange:  # fmt: skip
     """Memory range of a layer of a named material, along the axis in transmission, with its interval.
 
     Parameters

@@ -107,13 +107,9 @@ class ReflectanceTransmittance(Pictured):
 
 
 def reflectance_transmittance(
-    medium: Medium,
-    *,
-    budget: Budget | None = None,
-    angle: float = 0.0,
-    angles: ArrayLike | None = None,
+    medium: Medium, *, budget: Budget | None = None, angle: float = 0.0, angles: ArrayLike | None = None,
     **fields: Unpack[BudgetFields],
-) -> ReflectanceTransmittance:
+) -> ReflectanceTransmittance:  # fmt: skip
     """Walk light through a medium: how much of it is reflected, transmitted and absorbed, and in which directions.
 
     Intensities alone: interference adds the narrow cone of coherent backscattering, and nothing to the totals behind.

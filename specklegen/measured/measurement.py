@@ -120,17 +120,10 @@ class Measurement(Pictured):
 
 
 def read_measurement(
-    source: Source,
-    *,
-    dark: Source | float | None = None,
-    flat: Source | None = None,
-    envelope: Source | None = None,
-    region: str | Sequence[int] | None = None,
-    frames: int | slice | Sequence[int] | None = None,
-    variable: str | None = None,
-    bit_depth: int | None = None,
-    hot_pixels: bool = True,
-) -> Measurement:
+    source: Source, *, dark: Source | float | None = None, flat: Source | None = None, envelope: Source | None = None,
+    region: str | Sequence[int] | None = None, frames: int | slice | Sequence[int] | None = None,
+    variable: str | None = None, bit_depth: int | None = None, hot_pixels: bool = True,
+) -> Measurement:  # fmt: skip
     """Read what a camera saw.
 
     Parameters

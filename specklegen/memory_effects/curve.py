@@ -235,17 +235,10 @@ class MemoryEffect(Pictured, Labelled):
 
 @shielded()
 def memory_effect(
-    medium: PlaneMedium | ThinMedium,
-    *,
-    wavelength: float,
-    tilts: ArrayLike,
-    budget: Budget | None = None,
-    mode: Mode = "transmission",
-    channel: Channel = "none",
-    azimuth: float = 0.0,
-    view: ArrayLike | None = None,
+    medium: PlaneMedium | ThinMedium, *, wavelength: float, tilts: ArrayLike, budget: Budget | None = None,
+    mode: Mode = "transmission", channel: Channel = "none", azimuth: float = 0.0, view: ArrayLike | None = None,
     **fields: Unpack[BudgetFields],
-) -> MemoryEffect:
+) -> MemoryEffect:  # fmt: skip
     """Correlation of the speckle at zero tilt with that at each tilt, views moved with the tilt.
 
     C(theta) = <u_0(v) u*_theta(v + theta)> over its two intensities, normal incidence, an unlimited plane

@@ -112,15 +112,9 @@ class JointCorrelation(Pictured, Labelled):
 
 @shielded()
 def joint_correlation(
-    medium: PlaneMedium | ThinMedium,
-    *,
-    wavelength: float,
-    tilts: ArrayLike,
-    shifts: ArrayLike,
-    budget: Budget | None = None,
-    lags: ArrayLike = 0.0,
-    **fields: Unpack[BudgetFields],
-) -> JointCorrelation:
+    medium: PlaneMedium | ThinMedium, *, wavelength: float, tilts: ArrayLike, shifts: ArrayLike,
+    budget: Budget | None = None, lags: ArrayLike = 0.0, **fields: Unpack[BudgetFields],
+) -> JointCorrelation:  # fmt: skip
     """Joint tilt and shift correlation of transmitted light over all views.
 
     Parameters

@@ -110,14 +110,9 @@ def _field(name: str, value: ArrayLike) -> np.ndarray:
 
 @shielded()
 def mueller_matrix(
-    medium: PlaneMedium,
-    *,
-    wavelength: float,
-    budget: Budget | None = None,
-    mode: Mode = "transmission",
-    view: ArrayLike | None = None,
-    **fields: Unpack[BudgetFields],
-) -> MuellerMatrix:
+    medium: PlaneMedium, *, wavelength: float, budget: Budget | None = None, mode: Mode = "transmission",
+    view: ArrayLike | None = None, **fields: Unpack[BudgetFields],
+) -> MuellerMatrix:  # fmt: skip
     """Estimate the mean Mueller matrix of the light that a slab scatters into one direction, at normal incidence.
 
     Parameters

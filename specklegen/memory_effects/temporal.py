@@ -156,18 +156,10 @@ class TemporalCorrelation(Pictured, Labelled):
 
 @shielded()
 def temporal_correlation(
-    medium: Medium,
-    *,
-    wavelength: float,
-    lags: ArrayLike,
-    budget: Budget | None = None,
-    tilts: ArrayLike = 0.0,
-    channel: Channel = "none",
-    azimuth: float = 0.0,
-    mode: Mode = "transmission",
-    view: ArrayLike | None = None,
+    medium: Medium, *, wavelength: float, lags: ArrayLike, budget: Budget | None = None, tilts: ArrayLike = 0.0,
+    channel: Channel = "none", azimuth: float = 0.0, mode: Mode = "transmission", view: ArrayLike | None = None,
     **fields: Unpack[BudgetFields],
-) -> TemporalCorrelation:
+) -> TemporalCorrelation:  # fmt: skip
     """Correlation of the speckle behind (or before) a medium with itself a lag later.
 
     Normal incidence, an unlimited plane wave: :func:`memory_effect` in time, of boxes and voxels too, of which light

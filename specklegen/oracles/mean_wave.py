@@ -76,14 +76,9 @@ class CoherentField:
 
 
 def coherent_field(
-    gas: CylinderGas,
-    radii: np.ndarray,
-    *,
-    placements: int,
-    seed: int,
-    workers: int | None = None,
+    gas: CylinderGas, radii: np.ndarray, *, placements: int, seed: int, workers: int | None = None,
     progress: bool = False,
-) -> CoherentField:
+) -> CoherentField:  # fmt: skip
     """Average the field of a line source at the origin over circles of the given radii and over placements.
 
     Points on a circle stand half a wavelength apart, about the size of a speckle.

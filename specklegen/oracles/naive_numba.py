@@ -18,16 +18,9 @@ from specklegen.scene.media import Slab
 
 
 def naive_field(
-    medium: Slab,
-    *,
-    wavelength: float,
-    width: float,
-    tilts: np.ndarray,
-    views: np.ndarray,
-    paths: int,
-    seed: int,
+    medium: Slab, *, wavelength: float, width: float, tilts: np.ndarray, views: np.ndarray, paths: int, seed: int,
     hoisted: bool = True,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Field u - m of a slab under square collimated beams, complex128[T, V].
 
     Parameters

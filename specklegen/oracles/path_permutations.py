@@ -15,16 +15,9 @@ from specklegen.oracles.box_media import SOLID_ANGLE, Medium
 
 
 def permutation_covariance(
-    medium: Medium,
-    wavelength: float,
-    lights: tuple[np.ndarray, np.ndarray],
-    views: tuple[np.ndarray, np.ndarray],
-    paths: int,
-    rng: np.random.Generator,
-    *,
-    nodes: int = 3,
-    apart: float = 0.0,
-) -> np.ndarray:
+    medium: Medium, wavelength: float, lights: tuple[np.ndarray, np.ndarray], views: tuple[np.ndarray, np.ndarray],
+    paths: int, rng: np.random.Generator, *, nodes: int = 3, apart: float = 0.0,
+) -> np.ndarray:  # fmt: skip
     """Mean contribution of every permutation to the covariance of u(i1, v1) and u(i2, v2), complex128[B!, V].
 
     The forward path is first and the reversed one last, as :func:`itertools.permutations` has them.

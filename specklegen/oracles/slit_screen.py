@@ -84,12 +84,9 @@ class SlitScreen:
 
 
 def slit_screen(
-    slits: Sequence[tuple[float, float]],
-    wavelength: float = 1.0,
-    boundary: Boundary = "hard",
-    nodes: float = 16,
+    slits: Sequence[tuple[float, float]], wavelength: float = 1.0, boundary: Boundary = "hard", nodes: float = 16,
     angle: float = 0.0,
-) -> SlitScreen:
+) -> SlitScreen:  # fmt: skip
     """Solve slits [x0, x1] that do not touch, with ``nodes`` nodes a wavelength, lit at ``angle`` radians.
 
     16 nodes a wavelength give 1e-13 (24 at least in each slit); slits nearer to each other than a node distance need

@@ -61,11 +61,9 @@ class StripSolution:
 
 
 def strip_solver(
-    strips: Sequence[tuple[tuple[float, float], tuple[float, float]]],
-    direction: tuple[float, float] = (0.0, 1.0),
-    wavelength: float = 1.0,
-    nodes: float = 8,
-) -> StripSolution:
+    strips: Sequence[tuple[tuple[float, float], tuple[float, float]]], direction: tuple[float, float] = (0.0, 1.0),
+    wavelength: float = 1.0, nodes: float = 8,
+) -> StripSolution:  # fmt: skip
     """Solve soft strips, each given by its two end points, lit by e^{ik d.r}, with ``nodes`` nodes a wavelength.
 
     8 nodes a wavelength give 5e-14 where strips are a wavelength apart; memory is 16 (8 L)^2 bytes for a total length

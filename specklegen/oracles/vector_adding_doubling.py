@@ -62,17 +62,10 @@ class PolarisedLight:
 
 
 def vector_adding_doubling(
-    optical_depth: float | Sequence[float],
-    matrix: PhaseMatrix | Sequence[PhaseMatrix],
-    *,
-    albedo: float = 1.0,
-    incidence: float = 1.0,
-    views: Sequence[float] = (1.0,),
-    azimuths: Sequence[float] = (0.0,),
-    nodes: int = 16,
-    orders: int = 3,
-    index: float = 1.0,
-) -> PolarisedLight:
+    optical_depth: float | Sequence[float], matrix: PhaseMatrix | Sequence[PhaseMatrix], *, albedo: float = 1.0,
+    incidence: float = 1.0, views: Sequence[float] = (1.0,), azimuths: Sequence[float] = (0.0,), nodes: int = 16,
+    orders: int = 3, index: float = 1.0,
+) -> PolarisedLight:  # fmt: skip
     """Scattered light of a slab of particles that are spheres, or turned at random.
 
     Parameters

@@ -126,16 +126,9 @@ class Moments:
 
 
 def ensemble(
-    gas: CylinderGas,
-    light: Light,
-    sensors: Mapping[str, Sensor],
-    *,
-    placements: int,
-    seed: int,
-    batches: int = BATCHES,
-    workers: int | None = None,
-    progress: bool = False,
-) -> dict[str, Moments]:
+    gas: CylinderGas, light: Light, sensors: Mapping[str, Sensor], *, placements: int, seed: int,
+    batches: int = BATCHES, workers: int | None = None, progress: bool = False,
+) -> dict[str, Moments]:  # fmt: skip
     """Solve ``placements`` placements and return the moments of what every sensor sees.
 
     Memory holds one covariance per batch and does not grow with ``placements``. The result is the same to the

@@ -12,17 +12,10 @@ from specklegen.paths.bank import BLOCK, PathBank, concatenate, empty_bank
 
 
 def trace_blocks(
-    run: Callable[..., tuple[int, int, int, float]],
-    first: int,
-    count: int,
-    *,
-    capacity: float,
-    columns: int,
-    threads: Threads,
-    bounces: Any = np.int8,
-    matrices: np.ndarray | None = None,
+    run: Callable[..., tuple[int, int, int, float]], first: int, count: int, *, capacity: float, columns: int,
+    threads: Threads, bounces: Any = np.int8, matrices: np.ndarray | None = None,
     finish: Callable[[PathBank], PathBank] = lambda bank: bank,
-) -> PathBank:
+) -> PathBank:  # fmt: skip
     """Trace paths ``first`` ... ``first + count - 1``, in the order of their numbers whatever the threads.
 
     ``run`` is a kernel of (first path, paths), its output, the types int32[room, 2] of both particles and the

@@ -30,13 +30,9 @@ BLOCK = 16384
 
 
 def endpoint_factors(
-    layout: Layout,
-    bank: PathBank,
-    endpoints: Endpoints,
-    end: End,
-    threads: Threads = 1,
+    layout: Layout, bank: PathBank, endpoints: Endpoints, end: End, threads: Threads = 1,
     turns: np.ndarray | None = None,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """complex128[n, M]: profile, attenuation, faces, phase, decay and scattering between one end and each endpoint.
 
     Parameters

@@ -26,16 +26,9 @@ _CAPACITY = 8.0
 
 
 def trace_layers(
-    medium: PlaneMedium,
-    proposal: Proposal,
-    seed: Seed,
-    count: int,
-    *,
-    first: int,
-    sample: int,
-    stream: Stream,
+    medium: PlaneMedium, proposal: Proposal, seed: Seed, count: int, *, first: int, sample: int, stream: Stream,
     threads: Threads,
-) -> PathBank:
+) -> PathBank:  # fmt: skip
     """Trace paths ``first`` ... ``first + count - 1`` as a proposal says (`specklegen.paths.slab_tracer`)."""
     particles, light = materials(medium), -proposal.reference[None]
     kinds = np.full(1 + len(proposal.probes), volume_walk.FAR, np.int64)

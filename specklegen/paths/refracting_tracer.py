@@ -31,17 +31,9 @@ MOST_ORDERS = 2**20
 
 
 def trace_layers_that_refract(
-    medium: PlaneMedium,
-    proposal: Proposal,
-    ways: Ways,
-    seed: Seed,
-    count: int,
-    *,
-    first: int,
-    sample: int,
-    stream: Stream,
-    threads: Threads,
-) -> PathBank:
+    medium: PlaneMedium, proposal: Proposal, ways: Ways, seed: Seed, count: int, *, first: int, sample: int,
+    stream: Stream, threads: Threads,
+) -> PathBank:  # fmt: skip
     """Trace paths ``first`` ... ``first + count - 1`` as a proposal says (`specklegen.paths.slab_tracer`)."""
     if proposal.transfer:
         reject(

@@ -68,17 +68,9 @@ def require_traceable(medium: Medium, events: float) -> None:
 
 
 def trace(
-    medium: PlaneMedium,
-    proposal: Proposal,
-    seed: Seed,
-    count: int,
-    *,
-    first: int = 0,
-    sample: int = 0,
-    stream: Stream = Stream.PATHS,
-    threads: Threads = None,
-    ways: Ways | None = None,
-) -> PathBank:
+    medium: PlaneMedium, proposal: Proposal, seed: Seed, count: int, *, first: int = 0, sample: int = 0,
+    stream: Stream = Stream.PATHS, threads: Threads = None, ways: Ways | None = None,
+) -> PathBank:  # fmt: skip
     """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``.
 
     The bank is a pure function of the arguments but ``threads``; splitting a range of paths over several
@@ -170,15 +162,9 @@ class SlabTracer:
         return events_across(self.medium) if self.across else events_per_path(self.medium)
 
     def trace(
-        self,
-        seed: Seed,
-        count: int,
-        *,
-        first: int = 0,
-        sample: int = 0,
-        stream: Stream = Stream.PATHS,
+        self, seed: Seed, count: int, *, first: int = 0, sample: int = 0, stream: Stream = Stream.PATHS,
         threads: Threads = None,
-    ) -> PathBank:
+    ) -> PathBank:  # fmt: skip
         """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``; see :func:`trace`."""
         return trace(
             self.medium, self.proposal, seed, count, first=first, sample=sample, stream=stream, threads=threads,

@@ -50,15 +50,9 @@ class Tracer(Protocol):
         ...
 
     def trace(
-        self,
-        seed: Seed,
-        count: int,
-        *,
-        first: int = 0,
-        sample: int = 0,
-        stream: Stream = Stream.PATHS,
+        self, seed: Seed, count: int, *, first: int = 0, sample: int = 0, stream: Stream = Stream.PATHS,
         threads: Threads = None,
-    ) -> PathBank:
+    ) -> PathBank:  # fmt: skip
         """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``.
 
         The bank is a pure function of the arguments but ``threads``; splitting a range of paths over several

@@ -56,15 +56,9 @@ class VolumeTracer:
     transfer: bool = False
 
     def trace(
-        self,
-        seed: Seed,
-        count: int,
-        *,
-        first: int = 0,
-        sample: int = 0,
-        stream: Stream = Stream.PATHS,
+        self, seed: Seed, count: int, *, first: int = 0, sample: int = 0, stream: Stream = Stream.PATHS,
         threads: Threads = None,
-    ) -> PathBank:
+    ) -> PathBank:  # fmt: skip
         """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``; a pure function of these."""
         probed = Probes(*probes(self.layout.lights), *probes(self.layout.views))
         return traced(
@@ -76,23 +70,10 @@ class VolumeTracer:
 
 
 def traced(
-    volume: Volume,
-    table: PhaseTable,
-    lobe: Lobe | None,
-    sources: Sources,
-    probed: Probes,
-    rules: walk.Rules,
-    seed: Seed,
-    count: int,
-    *,
-    first: int,
-    sample: int,
-    stream: Stream,
-    threads: Threads,
-    capacity: float,
-    transfer: bool = False,
-    matrices: np.ndarray | None = None,
-) -> PathBank:
+    volume: Volume, table: PhaseTable, lobe: Lobe | None, sources: Sources, probed: Probes, rules: walk.Rules,
+    seed: Seed, count: int, *, first: int, sample: int, stream: Stream, threads: Threads, capacity: float,
+    transfer: bool = False, matrices: np.ndarray | None = None,
+) -> PathBank:  # fmt: skip
     """Trace paths ``first`` ... ``first + count - 1``, block after block; a pure function of all but ``threads``.
 
     ``matrices`` are those of polarised light through layers (:func:`specklegen.paths.jones.type_matrices`).

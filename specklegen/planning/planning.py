@@ -90,17 +90,10 @@ def scene_decisions(scene: Scene) -> tuple[Decision, ...]:
 
 @shielded()
 def plan(
-    scene: Scene,
-    *,
-    budget: Budget | None = None,
-    sampler: AnySampler = "auto",
-    mean: bool = False,
-    field_tolerance: float = 1e-3,
-    streamed: bool = False,
-    envelope: bool = True,
-    realizations: int = 1,
+    scene: Scene, *, budget: Budget | None = None, sampler: AnySampler = "auto", mean: bool = False,
+    field_tolerance: float = 1e-3, streamed: bool = False, envelope: bool = True, realizations: int = 1,
     **fields: Unpack[BudgetFields],
-) -> Plan:
+) -> Plan:  # fmt: skip
     """Choose how to render a scene, and predict what it costs.
 
     Parameters

@@ -496,14 +496,9 @@ class ImagedMedia:
 
 
 def imagings(
-    sight: Sight,
-    correlations: Correlations,
-    light: LightBatch | None = None,
-    *,
-    tolerance: float,
-    film: FilmBatch | None = None,
-    precise: bool = False,
-) -> list[tuple[list[int], Imaging]]:
+    sight: Sight, correlations: Correlations, light: LightBatch | None = None, *, tolerance: float,
+    film: FilmBatch | None = None, precise: bool = False,
+) -> list[tuple[list[int], Imaging]]:  # fmt: skip
     """Prepare to draw media and image objects through them, those of one rank and grid together, and which they are.
 
     Parameters

@@ -36,16 +36,9 @@ def _host(value: ArrayLike) -> torch.Tensor:
 
 
 def object_sight(
-    wavelength: float,
-    shape: tuple[int, int],
-    pitch: float,
-    width: float,
-    profile: Profile,
-    grid: FarFieldGrid,
-    *,
-    base: ArrayLike = ((0.0, 0.0),),
-    pixel_integration: bool = False,
-) -> Sight:
+    wavelength: float, shape: tuple[int, int], pitch: float, width: float, profile: Profile, grid: FarFieldGrid, *,
+    base: ArrayLike = ((0.0, 0.0),), pixel_integration: bool = False,
+) -> Sight:  # fmt: skip
     """How an object of (h, w) pixels is seen by a camera through one medium; see :func:`object_imaging`."""
     return Sight(
         wavelength=wavelength, profile=profile, shape=shape, camera=grid.shape, center=grid.center,
@@ -71,21 +64,11 @@ def expected_image(
 
 
 def object_imaging(
-    correlation: MemoryEffectCorrelation | PolarisedCorrelation,
-    *,
-    wavelength: float,
-    object_shape: tuple[int, int],
-    object_pitch: float,
-    width: float,
-    grid: FarFieldGrid,
-    profile: Profile = "square",
-    base: ArrayLike = ((0.0, 0.0),),
-    light: LightModes | None = None,
-    pixel_integration: bool = False,
-    tolerance: float = MODE_TOLERANCE,
-    device: torch.device | str = "cpu",
-    dtype: torch.dtype | None = None,
-) -> Imaging:
+    correlation: MemoryEffectCorrelation | PolarisedCorrelation, *, wavelength: float, object_shape: tuple[int, int],
+    object_pitch: float, width: float, grid: FarFieldGrid, profile: Profile = "square", base: ArrayLike = ((0.0, 0.0),),
+    light: LightModes | None = None, pixel_integration: bool = False, tolerance: float = MODE_TOLERANCE,
+    device: torch.device | str = "cpu", dtype: torch.dtype | None = None,
+) -> Imaging:  # fmt: skip
     """Prepare to image objects of one shape behind one material in front of one camera.
 
     Parameters

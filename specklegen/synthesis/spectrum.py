@@ -204,13 +204,9 @@ def spectrum_transform(spectrum: Spectrum, width: float, length: np.ndarray) -> 
 
 
 def light_modes(
-    correlation: SpectralCorrelation,
-    width: float,
-    spectrum: Spectrum = "gaussian",
-    *,
-    tolerance: float = 1e-3,
+    correlation: SpectralCorrelation, width: float, spectrum: Spectrum = "gaussian", *, tolerance: float = 1e-3,
     most: int = MOST_MODES,
-) -> LightModes:
+) -> LightModes:  # fmt: skip
     """Modes of light of a spectrum behind a slab.
 
     Parameters

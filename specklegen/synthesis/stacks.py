@@ -150,15 +150,9 @@ def tilt_roots(correlation: np.ndarray) -> np.ndarray:
 
 
 def stack_sampler(
-    scene: Scene,
-    correlation: Matrices,
-    *,
-    device: torch.device | str = "cpu",
-    dtype: torch.dtype | None = None,
-    fft: bool | None = None,
-    drift: np.ndarray | None = None,
-    roots: Callable[[np.ndarray], np.ndarray] = tilt_roots,
-) -> StackSampler:
+    scene: Scene, correlation: Matrices, *, device: torch.device | str = "cpu", dtype: torch.dtype | None = None,
+    fft: bool | None = None, drift: np.ndarray | None = None, roots: Callable[[np.ndarray], np.ndarray] = tilt_roots,
+) -> StackSampler:  # fmt: skip
     """Prepare the sampler of a scene with collimated beams and a far-field grid.
 
     Parameters

@@ -24,16 +24,10 @@ _ORDER = 20  # 1 / 20! is below rounding
 
 
 def box_covariance(
-    lower: ArrayLike,
-    upper: ArrayLike,
-    *,
-    extinction: float,
-    albedo: float = 1.0,
-    wavelength: float,
-    amplitude: Callable[[np.ndarray], np.ndarray],
-    lights: tuple[ArrayLike, ArrayLike],
+    lower: ArrayLike, upper: ArrayLike, *, extinction: float, albedo: float = 1.0, wavelength: float,
+    amplitude: Callable[[np.ndarray], np.ndarray], lights: tuple[ArrayLike, ArrayLike],
     views: tuple[ArrayLike, ArrayLike],
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Covariance of singly scattered far fields of a homogeneous box under plane waves, complex128[...].
 
     Exact but for rounding: to some 1e-14 of the scattering cross-section sigma_s V times |s|^2. A mixture

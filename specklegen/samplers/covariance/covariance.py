@@ -157,13 +157,9 @@ class Covariance(Pictured, Labelled):
 
 @shielded()
 def covariance(
-    scene: Scene,
-    *,
-    budget: Budget | None = None,
-    pairs: ArrayLike | None = None,
-    orders: Orders = "auto",
+    scene: Scene, *, budget: Budget | None = None, pairs: ArrayLike | None = None, orders: Orders = "auto",
     **fields: Unpack[BudgetFields],
-) -> Covariance:
+) -> Covariance:  # fmt: skip
     """Estimate the covariance of the speckle field of a scene; the memory it takes does not grow with ``paths``.
 
     Parameters

@@ -99,16 +99,9 @@ class Sums(NamedTuple):
 
 
 def outer_products(
-    tracer: Tracer,
-    seen: Layout,
-    paths: int,
-    seed: Seed,
-    *,
-    reverse: bool,
-    entries: Entries,
-    threads: int | None,
+    tracer: Tracer, seen: Layout, paths: int, seed: Seed, *, reverse: bool, entries: Entries, threads: int | None,
     stream: Stream = Stream.PATHS,
-) -> Sums:
+) -> Sums:  # fmt: skip
     """Sum the outer products of amplitudes over batches of paths, and find the error from their scatter.
 
     Paths are those of ``tracer``; amplitudes are at the lights and views of ``seen``, all of them or some, whose

@@ -185,15 +185,9 @@ def nufft_tile(
 
 
 def nufft_frame(
-    layout: Layout,
-    bank: PathBank,
-    phases: np.ndarray,
-    summation: NufftPlan,
-    tile: Tile,
-    moved: Moved,
-    *,
+    layout: Layout, bank: PathBank, phases: np.ndarray, summation: NufftPlan, tile: Tile, moved: Moved, *,
     threads: Threads = None,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """:func:`nufft_tile` of one light and one frame of a film, complex[1, h, w].
 
     A particle that has moved by d is seen as one that has moved sideways alone, by d_xy - d_z c_xy / c_z, c the middle
