@@ -195,11 +195,9 @@ class DrawnFamily(ObjectFamily):
             if split_of(f"{type(self).__name__}/{source_key(source)}") == split:
                 return source
         reject(
-            f"{type(self).__name__}.shape",
-            f"large enough for patterns of the split {split!r}",
-            self.shape,
+            f"{type(self).__name__}.shape", f"large enough for patterns of the split {split!r}", self.shape,
             f"None of {_ATTEMPTS} random patterns belongs to it: enlarge the shape or allow more patterns.",
-        )
+        )  # fmt: skip
 
 
 def place_within(rng: np.random.Generator, room: float) -> float:

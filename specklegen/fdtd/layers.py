@@ -134,11 +134,9 @@ class RandomLayer(Value):
         scale = self.rms_index / self.n_background
         if 1 + scale * g.min() <= 0:
             reject(
-                "RandomLayer.rms_index",
-                "small enough that every index drawn is positive",
-                self.rms_index,
+                "RandomLayer.rms_index", "small enough that every index drawn is positive", self.rms_index,
                 f"The smallest index drawn is {self.n_background * (1 + scale * g.min()):.3g}.",
-            )
+            )  # fmt: skip
         g *= scale
         return g * (2 + g)
 

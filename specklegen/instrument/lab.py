@@ -173,11 +173,9 @@ class LabSetup(Value):
         largest = min(self.pixels) * self.pixel_pitch / abs(self.magnification)
         if self.object_extent > largest * (1 + _ROUNDING):
             reject(
-                "LabSetup.object_extent",
-                f"at most {_down(largest)}, whose image fills the camera",
-                self.object_extent,
+                "LabSetup.object_extent", f"at most {_down(largest)}, whose image fills the camera", self.object_extent,
                 "Use a smaller object, more pixels or a shorter camera distance.",
-            )
+            )  # fmt: skip
 
     def _check_aperture(self) -> None:
         if self.aperture > self.largest_aperture * (1 + _ROUNDING):

@@ -104,11 +104,9 @@ def read_curve(path: str | Path, columns: Sequence[int] | None = None) -> Measur
         taken = chosen or tuple(range(min(3, len(cells))) if not rows else range(len(rows[0])))
         if max(taken) >= len(cells) or len(taken) < 2:
             reject(
-                where,
-                f"of at least {max(2, max(taken) + 1)} columns",
-                line.strip(),
+                where, f"of at least {max(2, max(taken) + 1)} columns", line.strip(),
                 "Columns stand apart by , ; or a tab.",
-            )
+            )  # fmt: skip
         row = [_number(where, cells[column]) for column in taken]
         if rows and not row[0] > rows[-1][0]:
             reject(

@@ -104,15 +104,10 @@ def walk(
 
     def block(part: slice) -> None:
         analog_walk.walk_analog(
-            *key,
-            part.start,
-            volume,
-            table,
-            medium.faces.indices,
-            None if steps is None else steps._replace(seen=seen[part]),
-            light,
+            *key, part.start, volume, table, medium.faces.indices,
+            None if steps is None else steps._replace(seen=seen[part]), light,
             Ends(exits[part], collisions[part], face[part], turned[part], shifts[part]),
-        )
+        )  # fmt: skip
 
     map_blocks(block, slices(paths, _BLOCK), threads)
     transfer, shift = (each if len(each) else np.zeros(paths) for each in (turned, shifts))

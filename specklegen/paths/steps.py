@@ -49,12 +49,10 @@ def optics(medium: PlaneMedium) -> Optics:
     layers, faces = merged(medium.layers), medium.faces
     indices = np.array([faces.inside if layer.index is None else layer.index for layer in layers])
     return Optics(
-        indices,
-        np.array([layer.optical_depth for layer in layers]),
+        indices, np.array([layer.optical_depth for layer in layers]),
         np.append(0.0, np.cumsum([layer.thickness for layer in layers])),
-        (float(indices[0]), float(indices[-1])) if faces.wall is None else (faces.wall, faces.wall),
-        faces.outside,
-    )
+        (float(indices[0]), float(indices[-1])) if faces.wall is None else (faces.wall, faces.wall), faces.outside,
+    )  # fmt: skip
 
 
 def refracting_layers(medium: PlaneMedium) -> bool:
