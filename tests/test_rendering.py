@@ -136,11 +136,6 @@ def test_the_promised_excess_correlation_is_kept(medium, rel_error):
         assert_z(excess, 2 * promised, error, degrees=99, slack=0.1 * promised)
 
 
-def test_more_paths_are_planned_for_less_error():
-    counts = [sg.plan(sparse_scene(), rel_error=e).paths for e in (0.2, 0.1, 0.05)]
-    np.testing.assert_allclose(np.diff(np.log(counts)), np.log(4), atol=0.02)
-
-
 FAINT = slab(0.02, 0.0, albedo=1e-3)  # scatters once, to 1e-5
 FAINT_INTENSITY = 1e-3 / (4 * np.pi) * FAINT.optical_depth * WIDTH**2 * np.exp(-FAINT.optical_depth)
 """E|u|^2 is an area per steradian: Eq. 41, forward rho sigma_s A L e^-OD."""
@@ -388,53 +383,7 @@ def test_paths_ended_early_are_reported(monkeypatch):
     assert 50 < report.unfinished <= 500
 
 
-@pytest.mark.parametrize("medium", [slab(2.0, albedo=0.0), slab(2.0).replace(thickness=0.0)])
-def test_where_nothing_scatters_the_field_is_the_mean(medium):
-    this = scene(medium=medium)
-    stack = sg.render(this, paths=1000, realizations=2)
-    assert stack.field.shape == (2, 2, 8, 9)
-    assert not stack.field.any()
-    assert stack.report.connections == 0
-    np.testing.assert_allclose(sg.render(this, mean=True).field, sg.mean_field(this), rtol=1e-6)
-
-
-@pytest.mark.parametrize("paths", [1, 2])
-def test_one_path_one_view_one_tilt(paths):
-    for this in (
-        scene(tilts=[0.0], shape=(1, 1)),
-        scene(tilts=[], shape=(3, 2)),
-        scene(tilts=[1.0, 1.0], shape=(1, 1)),
-    ):
-        for sampler in SAMPLERS:
-            stack = sg.render(this, paths=paths, sampler=sampler)
-            assert stack.field.shape == (len(this.beams.directions), *this.sensor.shape)
-            assert np.isfinite(stack.field).all()
-
-
 # ---- Errors --------------------------------------------------------------------------------------------
-
-BAD = {
-    "paths": ({"paths": 0}, "paths must be at least 1; got 0"),
-    "both budgets": (
-        {"paths": 10, "rel_error": 0.1}, "paths must be left out where rel_error or seconds is given; got 10",
-    ),
-    "rel_error": ({"rel_error": 0.0}, "rel_error must be between 1e-09 and 1; got 0.0"),
-    "rel_error nan": ({"rel_error": float("nan")}, "rel_error must be between 1e-09 and 1; got nan"),
-    "field_tolerance": ({"field_tolerance": 2.0}, "field_tolerance must be between 0 and 1; got 2.0"),
-    "sampler": ({"sampler": "magic"}, "sampler must be one of .*got 'magic'"),
-    "reverse": ({"reverse": "maybe"}, "reverse must be True, False or \"auto\"; got 'maybe'"),
-    "realizations": ({"realizations": 0}, "realizations must be at least 1"),
-    "threads": ({"threads": 0}, "threads must be at least 1 and at most 4096; got 0"),
-    "seed": ({"seed": -3}, "seed must be a whole number of at least 0, or a sequence of them; got -3"),
-    "seed fraction": ({"seed": 0.5}, "seed must be a whole number .*got 0.5"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_bad_arguments_are_named(case):
-    options, message = BAD[case]
-    with pytest.raises(sg.RuleError, match=message):
-        sg.render(scene(), **({"paths": 10} | options if "rel_error" not in options else options))
 
 
 def test_a_grid_that_undersamples_is_refused_with_the_remedy():
@@ -444,11 +393,6 @@ def test_a_grid_that_undersamples_is_refused_with_the_remedy():
         sg.render(scene(pitch=0.6))
     # The remedy's own pitch is good.
     assert sg.plan(scene(pitch=0.5), paths=10).paths == 10
-
-
-def test_a_render_beyond_memory_is_refused():
-    with pytest.raises(sg.RuleError, match=r"Scene must be renderable within .* GiB; got .*fewer"):
-        sg.plan(scene(shape=(30_000, 30_000), pitch=1e-3, tilts=np.arange(100) * 1e-3), paths=10)
 
 
 def test_an_object_has_no_field_and_says_why():

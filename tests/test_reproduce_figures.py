@@ -22,11 +22,6 @@ def script():
     return module
 
 
-def test_names_are_those_of_figures(script):
-    assert "prahl09" in script.names()
-    assert not any(name.startswith("_") for name in script.names())
-
-
 def test_every_set_is_drawn_by_out_and_quick(script):
     for name in script.names():
         assert list(inspect.signature(script.load(name).main).parameters) == ["out", "quick"], name

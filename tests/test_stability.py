@@ -26,18 +26,15 @@ def test_rows_have_names_and_cases_of_their_own():
 # ---- A row that should fail does -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "row",
-    [
-        within("", "", 1.0, 1.0 + 2e-9, 1e-9), within("", "", 1.0, np.nan, 1e-9), measured("", "", 1.0, 1.2, 0.03),
-        measured("", "", 1.0, np.nan, 0.03), measured("", "", [1.0, 2.0], [1.0, 2.1], 0.0),
-        measured("", "", 1.0, 1.0, np.nan),
-        measured("", "", [1e-3, 0.0], [1e-3, 0.0], 1.0),  # all of it noise: no answer would fail
-        holds("", "", "", {"yes": True, "no": False}),
-        refused("", "", [(lambda: None, ["field"])]),
-        refused("", "", [(lambda: reject("Owner.name", "right", 0), ["Owner.field"])]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("row", [
+    within("", "", 1.0, 1.0 + 2e-9, 1e-9), within("", "", 1.0, np.nan, 1e-9), measured("", "", 1.0, 1.2, 0.03),
+    measured("", "", 1.0, np.nan, 0.03), measured("", "", [1.0, 2.0], [1.0, 2.1], 0.0),
+    measured("", "", 1.0, 1.0, np.nan),
+    measured("", "", [1e-3, 0.0], [1e-3, 0.0], 1.0),  # all of it noise: no answer would fail
+    holds("", "", "", {"yes": True, "no": False}),
+    refused("", "", [(lambda: None, ["field"])]),
+    refused("", "", [(lambda: reject("Owner.name", "right", 0), ["Owner.field"])]),
+])  # fmt: skip
 def test_a_wrong_answer_fails(row: Row):
     assert not row.passed
     assert row.verdict == "**FAIL**"

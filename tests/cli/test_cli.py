@@ -15,7 +15,6 @@ from zscore import assert_z
 import specklegen as sg
 from specklegen.cli import commands
 from specklegen.cli.examples import EXAMPLES
-from specklegen.cli.training import losses_starting_with
 from specklegen.core.errors import RuleError
 
 
@@ -77,16 +76,6 @@ def test_options_keep_their_spelling_and_default():
     spelled = spelled_options(typer.main.get_command(commands.app))
     present = {line for line in spelled if not line.endswith("-completion")}  # those two are typer's
     assert present == set((DATA / "command_options.txt").read_text().splitlines())
-
-
-def test_losses_are_completed():
-    assert losses_starting_with("l1") == ["l1", "l1-invariant"]
-
-
-def test_plan_refuses_a_folder_before_it_says_anything(tmp_path):
-    result = run("plan", "through-slab", "--images", tmp_path / "nowhere")
-    assert result.output == ""
-    assert str(result.exception).startswith("Folder.path must be a folder that exists; got ")
 
 
 def test_plan_says_what_it_does_and_costs():
@@ -199,28 +188,6 @@ def test_generate_resumes_and_previews(tmp_path):
     assert (tmp_path / "sheet.png").stat().st_size > 1000
     succeed("export", store, "--out", tmp_path / "npy")
     assert np.load(tmp_path / "npy/image.npy").shape == (8, 128, 128)
-
-
-@pytest.mark.parametrize(("words", "says"), [
-    (("generate", "nope", "--out", "x"), ["recipe must be one of", "through-slab", "nope", "specklegen recipes"]),
-    (("plan", "through-slab", "--images", "/no/such/folder"), ["Folder.path", "/no/such/folder"]),
-    (("plan", "through-slab", "--set", "material.g=1.0"), ["Material.g", "1.0"]),
-    (("plan", "through-slab", "--set", "material.gg=1.0"), ["Material.gg", "no such field", "Did you mean g?"]),
-    (("plan", "through-slab", "--set", "material"), ["KEY=VALUE", "material"]),
-    (("render", "--g", "1"), ["HenyeyGreenstein.g", "1.0"]),
-    (("render", "--pitch", "1e-4"), ["pitch", "0.0001", "5e-06"]),
-    (("memory-effect", "--mode", "sideways"), ["mode", "sideways"]),
-    (("plan", "no-such.toml"), ["recipe must be a file that is there, or a packaged name; got 'no-such.toml'"]),
-    (("plan", "through-slab", "--images", "empty"), ["Folder.path must be a folder with pictures"]),
-    (("render", "--out", "file/sub"), ["--out must be a writable folder"]),
-])  # fmt: skip
-def test_bad_input_is_named(words, says, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "file").write_text("in the way")
-    message = refused(*words)
-    for part in says:
-        assert part in message, message
 
 
 @pytest.mark.parametrize(("table", "says"), [

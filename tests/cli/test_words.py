@@ -21,8 +21,6 @@ from specklegen import __version__
 from specklegen.cli import commands
 from specklegen.cli.failures import told
 from specklegen.cli.output import json_text
-from specklegen.cli.recipe_options import names_starting_with
-from specklegen.cli.stores import _rate
 from specklegen.datasets import recipe_names
 from specklegen.datasets.store.shards import DamagedShard, MissingSample
 
@@ -59,10 +57,6 @@ def test_version():
     assert run("--version").output == f"specklegen {__version__}\n"
 
 
-def test_names_are_completed():
-    assert names_starting_with("through") == ["through-slab", "through-slab-lab"]
-
-
 def test_numbers_as_json(tmp_path, store):
     assert {row["name"] for row in answer("recipes")} == set(recipe_names())
     assert answer("recipes", "show", "through-slab", "--set", "material.g=0.5")["material"]["g"] == 0.5
@@ -81,12 +75,6 @@ def test_numbers_as_json(tmp_path, store):
     assert answer("compare", "through-slab", "--seconds", 0.01)["runs"]
 
 
-def test_no_number_of_json_is_infinite_or_none(tmp_path):
-    """JSON has no word for them; a curve without light has nothing else."""
-    dark = answer("memory-effect", "--paths", 64, "--points", 2, "--albedo", 2e-308, "--out", tmp_path)
-    assert dark[0]["intensity_correlation"] == [None, None]
-
-
 def test_info_says_how_arrays_are_stored(store):
     described = json.loads(run("info", store).output)
     assert described["arrays"]["image"]["dtype"] == "float32"
@@ -102,14 +90,6 @@ def test_verify_tells_a_store_that_is_not_whole(store, tmp_path):
     assert result.exit_code == 1
     assert "4 shards: 1 sound, 3 unfinished (numbers 1, 2, 3)" in result.output
     assert "generate" in result.output
-
-
-def test_one_of_a_thing_is_singular(tmp_path):
-    said = run("generate", "through-slab", "--out", tmp_path / "one.zarr", "--samples", 1, *SMALL).output
-    assert said.startswith("1 of 1 sample in")
-    assert "1 sample: about" in run("plan", "through-slab", "--samples", 1, *SMALL).output
-    shown = run("render", "--tilts", 1, "--views", 8, "--paths", 64, "--out", tmp_path / "render").output
-    assert "1 tilt through" in shown
 
 
 @pytest.mark.parametrize(("words", "says"), [
@@ -181,11 +161,6 @@ def test_a_package_of_an_extra_that_is_missing_is_named_with_its_extra():
             said = told(ModuleNotFoundError("no", name=f"{name}.inner"))
             assert said is not None
             assert said.startswith(f"this needs the package {name}: pip install 'specklegen-torch[{extra}]'")
-
-
-@pytest.mark.parametrize(("rate", "written"), [(0.4343, "0.43"), (9.96, "10"), (12.5, "12"), (12345.6, "12346")])
-def test_a_slow_rate_is_not_none(rate, written):
-    assert _rate(rate) == written
 
 
 def test_two_calls_report_what_each_has_rendered(tmp_path):

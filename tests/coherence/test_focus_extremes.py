@@ -6,10 +6,9 @@ import mpmath as mp
 import numpy as np
 import pytest
 from focus_of_rays import K, axial_focus, focus, profile, quadrature, source
-from scipy.special import hankel1e
 
-from specklegen.coherence.cross_spectral_density import propagate_csd, spectral_degree_of_coherence, spectral_density
-from specklegen.coherence.cylindrical_focus import AxialDetector, GreensMatrix, TransverseDetector
+from specklegen.coherence.cross_spectral_density import propagate_csd, spectral_degree_of_coherence
+from specklegen.coherence.cylindrical_focus import AxialDetector, TransverseDetector
 
 
 def test_full_coherence():
@@ -101,17 +100,6 @@ def test_every_ray_is_traced():
     assert np.isinf(one.standard_error).all()
 
 
-def test_dark_pixels_have_no_coherence():
-    with pytest.warns(UserWarning, match="pairs"):
-        value = focus().monte_carlo(60, "uniform", seed=0).value
-    W = propagate_csd(value, np.ones((51, 51)))
-    dark = spectral_density(W) == 0
-    assert dark.any()
-    mu = spectral_degree_of_coherence(W)
-    assert np.isfinite(mu).all()
-    np.testing.assert_array_equal(mu[dark], 0)
-
-
 def test_even_number_of_pixels_is_normalised_on_the_axis():
     system = focus(n_pixels=200)
     axis = system.on_axis()
@@ -123,22 +111,6 @@ def test_even_number_of_pixels_is_normalised_on_the_axis():
     x, x_odd = system.detector.x, focus().detector.x
     np.testing.assert_allclose(S[1:], np.interp(x, x_odd, odd), atol=3e-4)  # curvature times pixel^2 / 8
     assert S[1:].max() < 1
-
-
-@pytest.mark.parametrize("half_width", [1e4, 1e12])
-def test_detector_much_wider_than_its_distance(half_width):
-    """The range of angles tends to pi; tan near pi/2 neither overflows nor loses rays."""
-    system = focus(n_source=2, n_pixels=3, half_width=half_width)
-    aimed = system.monte_carlo(6000, "stratified", seed=0, calibrated=False)
-    assert np.isfinite(aimed.value).all()
-    assert np.isfinite(aimed.standard_error).all()
-    spread = system.monte_carlo(6000, "uniform", seed=0, calibrated=False)
-    assert np.isfinite(spread.value).all()
-    wide = 2 * math.atan(half_width / 3 / 200)  # nearly every ray lands in the middle pixel
-    assert wide > 0.96 * math.pi
-    for G in (aimed, spread):
-        assert (np.abs(G.value[1]) <= math.pi).all()
-        assert (np.abs(G.value[[0, 2]]) < 0.03 * math.pi).all()
 
 
 def test_angles_near_a_right_angle_are_sampled_uniformly():
@@ -164,41 +136,27 @@ def test_phase_keeps_its_digits_at_large_distances():
     assert np.spacing(np.float32(34986.0)) > 3e-3
 
 
-def test_physical_optics_survives_a_large_argument():
-    assert np.isfinite(hankel1e(1, 2 * np.pi * 1e9))
-    assert np.isfinite(focus(1e8, 3, 3).physical_optics()).all()
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: axial_focus(z=(-200.0, 1.0)), "detector.z must be greater than -focal_length = -200; got -200.0."),
-        (
-            lambda: AxialDetector(z=np.zeros(0), pixel_width=1),
-            "AxialDetector.z must be a list of at least one distance",
-        ),
-        (
-            lambda: AxialDetector(z=np.array(0.0), pixel_width=1),
-            "AxialDetector.z must be a list of at least one distance",
-        ),
-        (lambda: TransverseDetector(half_width=0, n_pixels=3), "half_width must be greater than 0.0; got 0."),
-        (lambda: TransverseDetector(half_width=1, n_pixels=0), "n_pixels must be at least 1; got 0."),
-        (lambda: focus(n_source=0), "CylindricalFocus.n_source must be at least 1; got 0."),
-        (lambda: focus(half_aperture=-1.0), "CylindricalFocus.half_aperture must be greater than 0"),
-        (lambda: focus().replace(wavelength=math.nan), "CylindricalFocus.wavelength must be"),
-        (lambda: focus().monte_carlo(0, seed=0), "n_rays must be at least 1 and at most 4611686018427387904; got 0."),
-        (lambda: focus().monte_carlo(10, "sobol", seed=0), 'one of "stratified", "uniform"'),  # type: ignore[arg-type]
-        (lambda: axial_focus().monte_carlo(10**5, "uniform", seed=0), "'stratified' for an AxialDetector"),
-        (lambda: focus().physical_optics(True, True), "measurement must be False with derivative=True"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: axial_focus(z=(-200.0, 1.0)), "detector.z must be greater than -focal_length = -200; got -200.0."),
+    (
+        lambda: AxialDetector(z=np.zeros(0), pixel_width=1),
+        "AxialDetector.z must be a list of at least one distance",
+    ),
+    (
+        lambda: AxialDetector(z=np.array(0.0), pixel_width=1),
+        "AxialDetector.z must be a list of at least one distance",
+    ),
+    (lambda: TransverseDetector(half_width=0, n_pixels=3), "half_width must be greater than 0.0; got 0."),
+    (lambda: TransverseDetector(half_width=1, n_pixels=0), "n_pixels must be at least 1; got 0."),
+    (lambda: focus(n_source=0), "CylindricalFocus.n_source must be at least 1; got 0."),
+    (lambda: focus(half_aperture=-1.0), "CylindricalFocus.half_aperture must be greater than 0"),
+    (lambda: focus().replace(wavelength=math.nan), "CylindricalFocus.wavelength must be"),
+    (lambda: focus().monte_carlo(0, seed=0), "n_rays must be at least 1 and at most 4611686018427387904; got 0."),
+    (lambda: focus().monte_carlo(10, "sobol", seed=0), 'one of "stratified", "uniform"'),  # type: ignore[arg-type]
+    (lambda: axial_focus().monte_carlo(10**5, "uniform", seed=0), "'stratified' for an AxialDetector"),
+    (lambda: focus().physical_optics(True, True), "measurement must be False with derivative=True"),
+])  # fmt: skip
 def test_bad_input_is_refused_in_the_house_format(call, message):
     with pytest.raises(ValueError, match="must be .*; got ") as error:
         call()
     assert message in str(error.value)
-
-
-def test_greens_matrix_is_a_value():
-    matrix = GreensMatrix(np.eye(2), np.zeros((2, 2)))
-    with pytest.raises(AttributeError):
-        matrix.value = np.ones((2, 2))  # type: ignore[misc]

@@ -94,14 +94,11 @@ def debye_csd(x, sigma, nodes=200):
 
 
 @pytest.mark.parametrize("sigma", SIGMAS)
-@pytest.mark.parametrize(
-    ("half_aperture", "n_source", "S_error", "mu_error"),
-    [
-        (15803.0, 801, 5e-7, 5e-5),  # a = 1 cm at 632.8 nm; measured 4.4e-7 and 4.3e-5, O(lambda / a) and 801 points
-        (15803.0, 51, 1.2e-4, 5e-4),  # the 51 points of the paper: 1.1e-4, 4.5e-4
-        (100.0, 51, 1.5e-4, None),  # mu has the curvature of a wave front of radius f, which Debye has not
-    ],
-)
+@pytest.mark.parametrize(("half_aperture", "n_source", "S_error", "mu_error"), [
+    (15803.0, 801, 5e-7, 5e-5),  # a = 1 cm at 632.8 nm; measured 4.4e-7 and 4.3e-5, O(lambda / a) and 801 points
+    (15803.0, 51, 1.2e-4, 5e-4),  # the 51 points of the paper: 1.1e-4, 4.5e-4
+    (100.0, 51, 1.5e-4, None),  # mu has the curvature of a wave front of radius f, which Debye has not
+])  # fmt: skip
 def test_transverse_debye_limit(sigma, half_aperture, n_source, S_error, mu_error):
     system = focus(half_aperture, n_source)
     S, mu = profile(measured_csd(system, sigma))

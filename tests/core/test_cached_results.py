@@ -36,7 +36,6 @@ NARROW = sg.Scene(
 UPPER = sg.Layer(thickness=50.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.8), index=1.33)
 STEPS = STACK.replace(medium=sg.Layers([UPPER, UPPER.replace(index=1.5)]))
 BOX = flat_box([0.0, 5.0], views(np.arange(90.0, 270.0, 10.0)), half=5.0)
-BOX_BEAMS = BOX.replace(illumination=sg.CollimatedBeams.tilts([0.0], width=4.0, dimensions=2))
 SCENES = {
     "stack": (STACK, {}), "path sums": (STACK, {"sampler": "paths"}), "hidden": (HIDDEN, {}),
     "convolution": (HIDDEN, {"sampler": "convolution"}), "narrow lobes": (NARROW, {}), "steps": (STEPS, {}),

@@ -11,7 +11,6 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import torch
-from fake_recipe import FakeRecipe
 from matplotlib.figure import Figure
 from PIL import Image
 from public_names import RESULTS, TYPES
@@ -21,12 +20,10 @@ from small_stores import make
 
 import specklegen as sg
 from specklegen import coherence, fdtd, wavetracing
-from specklegen.core.display.plot import Pictured, card, draw_images, written
-from specklegen.core.display.repr import summary
-from specklegen.core.errors import counted
+from specklegen.core.display.plot import Pictured, card, draw_images
 from specklegen.core.values import Value
-from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
-from specklegen.models import Periodogram, PhotographVerdict, load_pretrained, load_solver
+from specklegen.datasets import SpeckleCache, load_recipe
+from specklegen.models import PhotographVerdict
 from specklegen.models.judging.evaluation import Evaluation
 from specklegen.models.judging.results import Results
 from specklegen.models.likelihood.common_medium import Joint
@@ -163,13 +160,6 @@ def test_a_result_has_a_line_a_table_and_a_picture(name):
     assert any("fog" in label for label in labels)  # the name of a curve, or a title
 
 
-def test_values_of_a_table_are_written_in_words():
-    known = {1 / 3: "0.3333", True: "yes", None: "none", (): "none", ("a", "b"): "a; b", "x": "x", 7: "7"}
-    assert {value: written(value) for value in known} == known
-    assert written(np.array([1 + 1j, 0])) == "2 values, 0 to 1.414"
-    assert written(torch.tensor([[True, False]])) == "1 of 1 x 2"
-
-
 def test_a_curve_is_plotted_as_it_is():
     curve = sg.memory_effect(SLAB, wavelength=0.5, tilts=[-1e-3, 0.0, 2e-3], paths=128)
     line = curve.plot(Figure().subplots(), label="fog").lines[0]
@@ -245,15 +235,6 @@ def test_nothing_public_shows_an_address():
     assert not [kind for kind in kinds if kind.__repr__ is object.__repr__]
 
 
-def test_a_new_figure_is_as_high_as_its_strip_of_images():
-    import matplotlib
-
-    matplotlib.use("agg")
-    strip, curve = (SHOWN[name]().plot().figure for name in ("stack", "curve"))
-    assert strip.get_figheight() < 0.8 * curve.get_figheight()
-    assert strip.get_figwidth() == curve.get_figwidth()
-
-
 def test_the_phase_function_that_is_plotted_has_unit_integral():
     degrees, power = SHOWN["mixture"]().plot(Figure().subplots()).lines[0].get_data()
     angles = np.deg2rad(degrees)
@@ -285,39 +266,3 @@ def test_without_matplotlib_there_is_still_a_table():
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert "<table>" in done.stdout, done.stderr
     assert "<img" not in done.stdout
-
-
-def test_tensors_are_shown_as_arrays_are():
-    assert repr(Periodogram(torch.zeros(2, 4, 3), torch.zeros(2), 1.0, (4, 4))) == (
-        "Periodogram(power=float32[2, 4, 3], noise=float32[2], looks=1, shape=(4, 4), lowest=0)"
-    )
-
-
-def test_data_sets_say_what_they_are(tmp_path):
-    stream = SpeckleStream(FakeRecipe(), batch_size=4)
-    make(tmp_path / "a.zarr", samples=3)
-    length = len(stream)
-    assert repr(stream) == (
-        f"SpeckleStream(recipe='fake', seed=0, split='train', batches={length}, batch_size=4, epoch=0, device='cpu')"
-    )
-    cache = SpeckleCache(tmp_path / "a.zarr")
-    assert repr(cache) == (
-        f"SpeckleCache(folder={str(tmp_path / 'a.zarr')!r}, samples=3, split='train', keys={cache.keys!r})"
-    )
-    assert repr(cache.shuffled(2)) == f"ShuffledCache(cache={cache!r}, batches=2, batch_size=2, epoch=0)"
-    assert repr(stream.loader()) == f"EpochLoader(batches={stream!r}, num_workers=0)"
-
-
-def test_a_network_says_what_it_is():
-    told = repr(load_pretrained())
-    assert re.match(r"Reconstructor\(name='\w+', input='autocorrelation', target='object', side=", told)
-    assert len(told) < 200
-    assert repr(load_solver()).startswith("Solver(frame=")
-
-
-def test_a_summary_keeps_numbers_short():
-    assert summary(1, a=1 / 3, b="x", c=7) == "int(a=0.3333, b='x', c=7)"
-
-
-def test_things_are_counted():
-    assert [counted(n, "shard") for n in (0, 1, 2)] == ["0 shards", "1 shard", "2 shards"]

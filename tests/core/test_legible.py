@@ -1,14 +1,12 @@
 """What help(), signatures and the tab key show of public names: words, and no machinery."""
 
 import inspect
-import pydoc
 
 import pytest
 from public_names import NAMES, public
 
 import specklegen as sg
 from specklegen.core.errors import RuleError
-from specklegen.datasets import load_recipe
 
 
 def public_callables():
@@ -46,20 +44,6 @@ def test_a_signature_says_type_rule_and_default():
         assert str(inspect.signature(kind)).startswith(told.rstrip(")"))
 
 
-def test_a_field_may_be_called_by_another_name_and_be_one_of_few_words():
-    written = str(inspect.signature(type(load_recipe("through-slab"))))
-    assert "sampler: 'auto' | 'stationary' | 'paths' | 'screens' | 'convolution' = 'auto'" in written
-    assert "media: int >= 1 | None = None" in written
-    assert "mode_tolerance: float in (0, 0.5) = 0.01" in written
-
-
-def test_help_is_about_the_class_itself():
-    text = pydoc.render_doc(sg.Slab, renderer=pydoc.plaintext)
-    assert "optical_depth" in text
-    assert "replace(self" in text
-    assert [word for word in ("model_dump", "Annotated", "pydantic_core", "__init__") if word in text] == []
-
-
 def test_the_tab_key_offers_fields_and_methods_of_the_value():
     slab = sg.Slab(thickness=1.0, mean_free_path=1.0, scatterer=sg.Isotropic())
     offered = {name for name in dir(slab) if not name.startswith("_")}
@@ -81,16 +65,3 @@ def test_what_has_no_obvious_place_is_refused():
                                 (sg.Slab, (1.0, 2.0, 3.0), {})):  # fmt: skip
         with pytest.raises(RuleError, match="must be given by the names of its fields"):
             kind(*places, **names)
-
-
-class Veiled(sg.Scatterer):
-    """A scatterer of somebody's own, written without thought of signatures."""
-
-    veil: float
-
-    def shape(self, cos, dimensions=3):
-        return 1 / (1 + self.veil * (1 - cos))
-
-
-def test_a_type_of_ones_own_is_legible_too():
-    assert str(inspect.signature(Veiled)) == "(*, veil: float)"

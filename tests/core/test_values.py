@@ -43,24 +43,12 @@ NAN, INF = float("nan"), float("inf")
 REFUSED = {
     "negative thickness": (lambda: slab(thickness=-1.0), ["Slab.thickness", "at least 0", "-1.0"]),
     "nan thickness": (lambda: slab(thickness=NAN), ["Slab.thickness", "finite", "nan"]),
-    "infinite thickness": (lambda: slab(thickness=INF), ["Slab.thickness", "finite", "inf"]),
-    "no free path": (lambda: slab(mean_free_path=0.0), ["Slab.mean_free_path", "greater than 0", "0.0"]),
-    "nan free path": (lambda: slab(mean_free_path=NAN), ["Slab.mean_free_path", "finite", "nan"]),
-    "albedo above 1": (lambda: slab(albedo=1.01), ["Slab.albedo", "at most 1", "1.01"]),
-    "albedo below 0": (lambda: slab(albedo=-0.1), ["Slab.albedo", "at least 0", "-0.1"]),
-    "albedo nan": (lambda: slab(albedo=NAN), ["Slab.albedo", "finite", "nan"]),
     "text for a length": (lambda: slab(thickness="thick"), ["Slab.thickness", "a number", "'thick'"]),
     "missing field": (lambda: sg.Slab(thickness=1.0, scatterer=sg.Isotropic()), ["Slab.mean_free_path", "given"]),
     "unknown field": (lambda: slab(thicknes=2.0), ["Slab.thicknes", "there is no such field", "2.0"]),
     "unknown scatterer": (lambda: slab(scatterer={"type": "Dipoles"}), ["Slab.scatterer", "Isotropic", "Dipoles"]),
     "scatterer a number": (lambda: slab(scatterer=0.9), ["Slab.scatterer", "0.9"]),
     "g = 1": (lambda: sg.HenyeyGreenstein(g=1.0), ["HenyeyGreenstein.g", "-1 and 1, both excluded", "1.0", "0.999"]),
-    "g = -1": (lambda: sg.HenyeyGreenstein(g=-1.0), ["HenyeyGreenstein.g", "both excluded", "-1.0"]),
-    "g nan": (lambda: sg.HenyeyGreenstein(g=NAN), ["HenyeyGreenstein.g", "both excluded", "nan"]),
-    "g text": (lambda: sg.HenyeyGreenstein(g="forward"), ["HenyeyGreenstein.g", "a number", "forward"]),
-    "wavelength 0": (lambda: scene(wavelength=0.0), ["Scene.wavelength", "greater than 0", "0.0"]),
-    "wavelength nan": (lambda: scene(wavelength=NAN), ["Scene.wavelength", "finite", "nan"]),
-    "wavelength inf": (lambda: scene(wavelength=INF), ["Scene.wavelength", "finite", "inf"]),
     "medium not one": (lambda: scene(medium=3), ["Scene.medium", "3"]),
     "plane wave on a slab": (
         lambda: scene(illumination=sg.PlaneWaves(directions=[AXIS])),
@@ -69,14 +57,6 @@ REFUSED = {
     "direction not unit": (
         lambda: sg.CollimatedBeams(directions=[[0.0, 0.1, 1.0]], width=1.0),
         ["CollimatedBeams.directions", "unit vectors", "0.1", "Divide"],
-    ),
-    "direction nan": (
-        lambda: sg.CollimatedBeams(directions=[[NAN, 0.0, 1.0]], width=1.0),
-        ["CollimatedBeams.directions", "finite", "nan"],
-    ),
-    "direction text": (
-        lambda: sg.CollimatedBeams(directions="up", width=1.0),
-        ["CollimatedBeams.directions", "an array of numbers", "up"],
     ),
     "directions of one axis": (
         lambda: sg.CollimatedBeams(directions=AXIS, width=1.0), ["CollimatedBeams.directions", "(T, 3)", "(3,)"],
@@ -96,7 +76,6 @@ REFUSED = {
     "point of one coordinate": (
         lambda: sg.PointSources(points=[[1.0]]), ["PointSources.points", "length 2 or 3", "(1, 1)"],
     ),
-    "near point nan": (lambda: sg.NearField(points=[[NAN, 0.0]]), ["NearField.points", "finite", "nan"]),
     "box inside out": (
         lambda: sg.Box(lower=[0, 1], upper=[1, 1], mean_free_path=1.0, scatterer=sg.Isotropic()),
         ["Box.upper", "above lower", "every axis"],
@@ -104,9 +83,6 @@ REFUSED = {
     "box of two dimensions and three": (
         lambda: sg.Box(lower=[0, 0], upper=[1, 1, 1], mean_free_path=1.0, scatterer=sg.Isotropic()),
         ["Box.upper", "as many coordinates as lower"],
-    ),
-    "voxels of negative density": (
-        lambda: voxels(extinction=[[1.0, -1.0]]), ["VoxelGrid.extinction", "at least 0", "-1.0"],
     ),
     "voxels of too many axes": (lambda: voxels(extinction=[[[1.0]]]), ["VoxelGrid.extinction", "2 axes", "(1, 1, 1)"]),
     "voxels of an unknown material": (
@@ -124,13 +100,10 @@ REFUSED = {
         lambda: sg.CollimatedBeams.tilts(np.zeros((2, 3)), width=1.0),
         ["CollimatedBeams.tilts angles", "(T,) or (T, 2)", "(2, 3)"],
     ),
-    "tilts nan": (lambda: sg.CollimatedBeams.tilts([NAN], width=1.0), ["CollimatedBeams.tilts angles", "nan"]),
     "tilts beyond the circle": (
         lambda: sg.CollimatedBeams.tilts([[1.2, 1.2]], width=1.0),
         ["CollimatedBeams.tilts angles", "inside the unit circle", "1.3"],
     ),
-    "width 0": (lambda: sg.CollimatedBeams.tilts([0.0], width=0.0), ["CollimatedBeams.width", "greater than 0"]),
-    "width negative": (lambda: sg.CollimatedBeams.tilts([0.0], width=-2.0), ["CollimatedBeams.width", "-2.0"]),
     "profile unknown": (
         lambda: sg.CollimatedBeams.tilts([0.0], width=1.0, profile="round"),  # type: ignore[arg-type]
         ["CollimatedBeams.profile", "'square', 'disc' or 'gaussian'", "'round'"],
@@ -139,13 +112,10 @@ REFUSED = {
     "object of one axis": (
         lambda: object_scene(brightness=[1.0, 2.0]), ["IncoherentObject.brightness", "(h, w)", "(2,)"],
     ),
-    "object empty": (lambda: object_scene(brightness=[[]]), ["IncoherentObject.brightness", "(h, w)", "(1, 0)"]),
-    "object nan": (lambda: object_scene(brightness=[[NAN]]), ["IncoherentObject.brightness", "finite"]),
     "object too wide": (
         lambda: object_scene(brightness=np.ones((3, 3)), pitch=0.9), ["IncoherentObject.pitch", "sine below 1", "0.9"],
     ),
     "grid pitch": (lambda: sg.FarField.grid(shape=(3, 3), pitch=0.0), ["FarFieldGrid.pitch", "greater than 0"]),
-    "grid of no rows": (lambda: sg.FarField.grid(shape=(0, 3), pitch=1e-5), ["FarFieldGrid.shape.0", "at least 1"]),
     "grid of half a row": (
         lambda: sg.FarField.grid(shape=(2.5, 3), pitch=1e-5),  # type: ignore[arg-type]
         ["FarFieldGrid.shape.0", "a whole number", "2.5"],
@@ -159,17 +129,12 @@ REFUSED = {
         lambda: sg.FarField.grid(shape=(1, 1), pitch=1e-3, center=(0.8, 0.8)),
         ["FarFieldGrid.pitch", "at most 1", "1.13"],
     ),
-    "grid centre inf": (
-        lambda: sg.FarField.grid(shape=(1, 1), pitch=1e-3, center=(INF, 0.0)),
-        ["FarFieldGrid.center.0", "finite", "inf"],
-    ),
     "grid on no side": (
         lambda: sg.FarField.grid(shape=(1, 1), pitch=1e-3, side="behind"),  # type: ignore[arg-type]
         ["FarFieldGrid.side", "'transmission' or 'reflection'", "'behind'"],
     ),
     "view not unit": (lambda: sg.FarField(directions=[[0, 0, 2.0]]), ["FarField.directions", "unit vectors", "2."]),
     "view of four": (lambda: sg.FarField(directions=[[0, 0, 0, 1.0]]), ["FarField.directions", "length 2 or 3"]),
-    "view a number": (lambda: sg.FarField(directions=1.0), ["FarField.directions", "unit vectors"]),
 }  # fmt: skip
 
 

@@ -1,9 +1,7 @@
 """Panels: each against something else that knows, and the recipe that one takes along renders what was shown."""
 
 import io
-import itertools
 import re
-import threading
 import tomllib
 
 import numpy as np
@@ -203,15 +201,6 @@ def test_panels_come_one_by_one_and_old_ones_are_grey_until_then(monkeypatch):
     assert re.search(r'class="sg-late">Verdict of 3<', second[0])
 
 
-@pytest.mark.parametrize("state", [GLASS, LAYERS])
-def test_what_a_medium_has_not_is_said_in_its_panel(state):
-    state = state.replace(camera=64)
-    text = page._said(page._analysed, state)
-    assert "medium must be a slab, in polarised light" in text
-    if state.medium == "ground glass":
-        assert "medium must be a slab or layers, before a lens" in page._said(page._lens, state)
-
-
 VIEWS = CONTROLS["view"].steps
 
 
@@ -255,19 +244,6 @@ def test_what_the_image_does_not_depend_on_makes_it_anew_never(monkeypatch):
         assert panels.retrieved(other) is kept[1]
         assert panels.verdict(other) is kept[2]
     assert panels.sample(state.replace(sample=3)) is not kept[0]
-
-
-def test_layers_move():
-    """The film is of the object behind layers, and forgets."""
-    found = panels.moved(LAYERS.replace(camera=64))
-    assert found.images.shape == (2, 64, 64)
-    assert 0 < found.correlation < 1
-    assert np.interp(found.fallen, found.lags, found.intensity) == pytest.approx(0.5, abs=0.05)
-
-
-def test_what_an_address_asked_for_in_vain_stands_at_the_head():
-    assert "&lt;b&gt;" in page.head(["g must be a number; got <b>."])
-    assert "sg-refused" not in page.head()
 
 
 def test_analysers_show_the_file_that_is_taken_along(tmp_path):
@@ -381,13 +357,6 @@ def test_doubts_are_told_again_and_again():
     assert "<em>Doubt</em>" in page.panels(UNFIT)
 
 
-def test_faces_are_in_the_recipe_that_is_shown():
-    """Reflecting faces lengthen paths, which shortens the memory effect."""
-    faced = State(refractive_index=1.5)
-    assert recipe.recipe_table(faced)["material"]["faces"] == {"inside": 1.5, "outside": 1.0}
-    assert panels.memory_curve(faced).range < 0.9 * panels.memory_curve(BEGIN).range
-
-
 @pytest.mark.parametrize("g", CONTROLS["g"].steps)
 def test_both_lobes_have_the_anisotropy_of_the_slider(g):
     """Six digits are written down."""
@@ -413,22 +382,6 @@ def test_the_object_is_marked_where_it_is():
     assert band / (last - first) == pytest.approx(0.2 / curve.angles[-1], abs=2e-3)
 
 
-@pytest.mark.parametrize("last", [0.006, 0.0734, 0.31, 0.92, 1.0, 3.3, 47.0])
-def test_an_axis_has_few_round_numbers(last):
-    found = drawing.ticks(last)
-    assert 3 <= len(found) <= 6
-    assert found[0] == 0
-    assert 0.6 * last < found[-1] <= last
-    assert all(f"{step:.3g}".strip("0.") in ("1", "2", "5") for step in np.diff(found))
-
-
-def test_a_verdict_that_works_says_what_it_follows_from():
-    found = panels.verdict(State(extent=0.05))
-    said = drawing.verdict_html(found)
-    assert "works" in said
-    assert f"noise {found.numbers['noise']:.2g}, distortion {found.numbers['distortion']:.2g}" in said
-
-
 def test_what_is_impossible_is_said_and_does_nothing(monkeypatch):
     """Words of an error are shown as they are; the other panels stay."""
 
@@ -440,13 +393,6 @@ def test_what_is_impossible_is_said_and_does_nothing(monkeypatch):
     assert "slab must be &lt;b&gt;thin&lt;/b&gt;" in text
     assert "phase retrieval" in text
     assert "One beam, no object" in text
-
-
-def test_the_rate_is_that_of_sixteen_samples(monkeypatch):
-    """On a clock that goes on by two seconds a look."""
-    looks = itertools.count(0, 2)
-    monkeypatch.setattr(panels.time, "perf_counter", lambda: next(looks))
-    assert panels.sixteen(State(camera=64)).rate == 8
 
 
 def test_sixteen_samples_can_be_taken_along():
@@ -484,14 +430,3 @@ def test_it_is_served_to_this_machine_alone(monkeypatch, capsys):
             commands.main(["explore", "--no-browser", "--port", str(ear.getsockname()[1])])
     assert end.value.code == 2
     assert "port must be free" in capsys.readouterr().err
-
-
-def test_the_browser_opens_where_it_is_served(monkeypatch):
-    opened = threading.Event()
-    monkeypatch.setattr(explore, "find_spec", lambda name: object())
-    monkeypatch.setattr(server, "serve", lambda ear: addresses.append(f"http://127.0.0.1:{ear.getsockname()[1]}/"))
-    monkeypatch.setattr(explore.webbrowser, "open", lambda address: (addresses.append(address), opened.set()))
-    addresses = []
-    assert CliRunner().invoke(commands.app, ["explore"]).exit_code == 0
-    assert opened.wait(60)
-    assert len(set(addresses)) == 1

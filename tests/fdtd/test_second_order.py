@@ -84,14 +84,11 @@ def test_second_order_against_brute_force_every_row(modulated, lc):
     check_second_order(RandomLayer(correlation_length=lc), Pulse(modulated=modulated), expected, range(8))
 
 
-@pytest.mark.parametrize(
-    ("sigma", "lc", "expected", "seeds"),
-    [
-        # Third moments of the sample scatter the next one from .0006 to .0015.
-        pytest.param(0.003, 0.5, (0.0026, 0.0007), 8, marks=pytest.mark.slow),
-        (0.01, 0.5, (0.041, 0.0073), 3), (0.06, 0.5, (5.25, 0.282), 3), (0.01, 3.0, (0.155, 0.019), 3),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("sigma", "lc", "expected", "seeds"), [
+    # Third moments of the sample scatter the next one from .0006 to .0015.
+    pytest.param(0.003, 0.5, (0.0026, 0.0007), 8, marks=pytest.mark.slow),
+    (0.01, 0.5, (0.041, 0.0073), 3), (0.06, 0.5, (5.25, 0.282), 3), (0.01, 3.0, (0.155, 0.019), 3),
+])  # fmt: skip
 def test_second_order_against_the_strength(sigma, lc, expected, seeds):
     check_second_order(RandomLayer(correlation_length=lc, rms_index=sigma), Pulse(), expected, range(seeds))
 

@@ -29,10 +29,6 @@ def rel(a, b):
     return np.linalg.norm(a - b) / np.linalg.norm(b)
 
 
-def born(moments, incidence, order):
-    return radiated(mean_polarisation(moments, incidence.theta, order), incidence.theta)
-
-
 def test_phase_variance_closed_form():
     for lc in (0.05, 0.5, 3.0):
         layer = RandomLayer(correlation_length=lc)

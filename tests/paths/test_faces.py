@@ -249,12 +249,6 @@ def test_memory_effect_behind_faces(case):
         refute_z(found, matched, error, degrees=DEGREES)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", TABLE, ids=str)
-def test_memory_effect_behind_faces_closely(case):
-    check_table(case, 1_000_000)
-
-
 @pytest.mark.parametrize(("index", "expected", "error"), [(1.0, 1.31, 0.005), (1.33, 2.35, 0.02), (1.5, 3.3, 0.05)])
 def test_trapped_light_comes_out_late(index, expected, error):
     """Mean path length over the thickness, of forward scattering at OD 10."""
@@ -312,17 +306,6 @@ def test_diffusion_behind_faces_has_its_figures():
         if g == 0:
             h = theory.extrapolation_at_faces(index)
             assert (1 + h) / (optical_depth + 2 * h) == pytest.approx(entered, rel=0.02)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("optical_depth", "g", "index", "entered"), ENTERED)
-def test_transmission_of_the_light_that_entered(optical_depth, g, index, entered):
-    medium, paths = slab(optical_depth, g, index), 100_000
-    found, _ = power(medium, 1, paths, 8)
-    r, straight = float(reflectance(medium.faces, np.array(1.0))), np.exp(-optical_depth)
-    ballistic = (1 - r) ** 2 * straight / (1 - (r * straight) ** 2)
-    error = np.hypot(found.std() / np.sqrt(paths) / (1 - r), 0.004 * entered)
-    assert_z((found.mean() + ballistic) / (1 - r), entered, error)
 
 
 # ---- Backscattering -------------------------------------------------------------------------------------

@@ -16,18 +16,15 @@ def test_drawn_slabs_are_looked_up(name):
     assert drawn.fingerprint() != load_recipe(name, {"material": DRAWN | {"kernel": "estimate"}}).fingerprint()
 
 
-@pytest.mark.parametrize(
-    ("name", "material"),
-    [
-        ("through-slab", {}),
-        ("through-slab", DRAWN | {"kernel": "estimate"}),
-        ("through-slab", DRAWN | {"faces": {"inside": 1.33}}),
-        ("through-slab", {"scatterer": {"type": "VonMisesFisher", "concentration": {"uniform": [20.0, 40.0]}}}),
-        ("through-slab-lab", DRAWN),  # light of a band
-        ("dynamic-slab", DRAWN),
-        ("polarised-tissue", DRAWN), ("masked-light-slab", DRAWN),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "material"), [
+    ("through-slab", {}),
+    ("through-slab", DRAWN | {"kernel": "estimate"}),
+    ("through-slab", DRAWN | {"faces": {"inside": 1.33}}),
+    ("through-slab", {"scatterer": {"type": "VonMisesFisher", "concentration": {"uniform": [20.0, 40.0]}}}),
+    ("through-slab-lab", DRAWN),  # light of a band
+    ("dynamic-slab", DRAWN),
+    ("polarised-tissue", DRAWN), ("masked-light-slab", DRAWN),
+])  # fmt: skip
 def test_others_are_estimated(name, material):
     recipe = load_recipe(name, {"material": material})
     assert recipe.material.kernel == "estimate"

@@ -8,7 +8,6 @@ import specklegen as sg
 from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.volume_stack import VolumeStack
 
-PRESET = {"name": "intralipid", "wavelength": 0.633, "dilution": {"uniform": [0.03, 0.06]}}
 TOML = """
 name = "phantom"
 kind = "tilt-stack"

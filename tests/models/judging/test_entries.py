@@ -71,23 +71,20 @@ def test_a_complete_entry_is_asked_all(content):
     assert not Entry(**content).complete
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda c: c.pop("about"), r"Entry\.about"),
-        (lambda c: c.update(score=1.0), r"Entry\.score"),
-        (lambda c: c.update(name=""), r"Entry\.name"),
-        (lambda c: c.update(version=VERSION + 1), r"Entry\.version must be at most"),
-        (lambda c: c.update(commitment="0" * 64), r"Entry\.commitment"),  # other images than those of the tasks
-        (lambda c: c.update(tasks={}), r"Entry\.tasks"),
-        (lambda c: c["tasks"].update(thick=c["tasks"]["thin"]), "one of unseen media"),
-        (lambda c: c["tasks"]["thin"].update(digest="0" * 64), r"digest must be 242301618fd2"),
-        (lambda c: c["tasks"]["thin"].update(images=65), "2 to 64"),
-        (lambda c: c["tasks"]["thin"].update(images=2, unanswered=3), "2 to 64"),
-        (lambda c: c["tasks"]["thin"]["pearson"].update(mean=2.0), "between low and high"),
-        (lambda c: c["tasks"]["thin"]["psnr"].pop("chance"), "chance"),
-    ],
-)
+@pytest.mark.parametrize(("change", "said"), [
+    (lambda c: c.pop("about"), r"Entry\.about"),
+    (lambda c: c.update(score=1.0), r"Entry\.score"),
+    (lambda c: c.update(name=""), r"Entry\.name"),
+    (lambda c: c.update(version=VERSION + 1), r"Entry\.version must be at most"),
+    (lambda c: c.update(commitment="0" * 64), r"Entry\.commitment"),  # other images than those of the tasks
+    (lambda c: c.update(tasks={}), r"Entry\.tasks"),
+    (lambda c: c["tasks"].update(thick=c["tasks"]["thin"]), "one of unseen media"),
+    (lambda c: c["tasks"]["thin"].update(digest="0" * 64), r"digest must be 242301618fd2"),
+    (lambda c: c["tasks"]["thin"].update(images=65), "2 to 64"),
+    (lambda c: c["tasks"]["thin"].update(images=2, unanswered=3), "2 to 64"),
+    (lambda c: c["tasks"]["thin"]["pearson"].update(mean=2.0), "between low and high"),
+    (lambda c: c["tasks"]["thin"]["psnr"].pop("chance"), "chance"),
+])  # fmt: skip
 def test_what_is_no_entry_is_refused(content, tmp_path, change, said):
     change(content)
     (tmp_path / "mine.json").write_text(json.dumps(content))

@@ -203,15 +203,12 @@ def test_ideal_scene_is_not_distorted():
     assert residual(scene()).distortion < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("camera", "electrons", "saturation"),
-    [
-        ({"photons": 100.0}, 900.0, np.inf),  # a grain has 9 pixels
-        ({"photons": 100.0, "background": 100.0, "full_well": 300.0}, 450.0, 2.0),  # a third of the well is taken
-        ({"photons": 10.0, "dark_current": 3.0, "exposure": 5.0, "read_noise": 5.0}, 18.0, np.inf),  # noise 50
-        ({"photons": 10.0, "bit_depth": 4, "gain": 6.0, "offset": 5.0}, 9 * 100 / 13, 6.0),  # 6^2 / 12 of rounding
-    ],
-)
+@pytest.mark.parametrize(("camera", "electrons", "saturation"), [
+    ({"photons": 100.0}, 900.0, np.inf),  # a grain has 9 pixels
+    ({"photons": 100.0, "background": 100.0, "full_well": 300.0}, 450.0, 2.0),  # a third of the well is taken
+    ({"photons": 10.0, "dark_current": 3.0, "exposure": 5.0, "read_noise": 5.0}, 18.0, np.inf),  # noise 50
+    ({"photons": 10.0, "bit_depth": 4, "gain": 6.0, "offset": 5.0}, 9 * 100 / 13, 6.0),  # 6^2 / 12 of rounding
+])  # fmt: skip
 def test_exposure_by_hand(camera, electrons, saturation):
     found = conditions_of(load_recipe("through-slab", CHEAP | {"exposure": {"bit_depth": None} | camera}))
     assert found.electrons == pytest.approx(electrons)

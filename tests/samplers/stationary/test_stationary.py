@@ -8,7 +8,7 @@ import torch
 from one_object import one_object
 from refusals import assert_refused
 from scenes import slab as slab_of_depth
-from zscore import assert_mean, assert_z, refute_z
+from zscore import assert_z, refute_z
 
 import specklegen as sg
 from specklegen.core.statistics import jackknife
@@ -182,20 +182,6 @@ def test_both_forms_are_the_literal_sum(profile, shape, finer):
             assert np.abs(found - exact).max() < tolerance * np.sqrt(np.square(np.abs(exact)).mean())
 
 
-def test_the_cheaper_form_is_chosen_and_results_are_pure():
-    scene = stack_scene()
-    kernel = estimate_correlation(scene.medium, 2000, 1)
-    sampler = stack_sampler(scene, kernel)
-    assert torch.equal(sampler.sample(1, 5), sampler.sample(1, 5))
-    assert not torch.equal(sampler.sample(1, 5), sampler.sample(1, 6))
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    two = sampler.sample(1, 5)
-    torch.set_num_threads(1)
-    assert torch.equal(two, sampler.sample(1, 5))
-    torch.set_num_threads(before)
-
-
 @pytest.mark.parametrize("side", ["transmission", "reflection"])
 def test_phases_are_those_of_the_face(side):
     """k f (c_z - v_z) of a view v against the middle one c, by the sines themselves."""
@@ -226,14 +212,6 @@ def test_duplicated_tilts_are_equal():
     assert np.abs(stack[1] - stack[2]).max() < 1e-6 * scale  # the root of a clipped eigenvalue, 1e-12
     assert np.abs(stack[0] - stack[3]).max() < 1e-6 * scale
     assert np.abs(stack[0] - stack[1]).max() > 0.01 * scale
-
-
-def test_no_tilts_and_one_view_keep_their_shapes():
-    none = sg.render(stack_scene(pixels=()), paths=1000, sampler="stationary")
-    assert none.field.shape == (0, 24, 24)
-    one = sg.render(stack_scene(pixels=(0,), shape=(1, 1)), paths=1000, sampler="stationary", realizations=3)
-    assert one.field.shape == (3, 1, 1, 1)
-    assert one.field.all()
 
 
 def test_tilts_beyond_the_transform_are_refused():
@@ -369,23 +347,6 @@ def test_image_is_linear_in_the_object_and_dark_without_light():
     assert sampler.image(medium, OBJECT).shape == grid.shape
 
 
-def test_one_torch_thread_gives_the_bits_of_two():
-    """Whoever renders is given the bits of one thread; what is below that door has others on two."""
-    scene = sg.Scene(
-        wavelength=WAVELENGTH, medium=slab(),
-        illumination=sg.IncoherentObject(brightness=OBJECT, pitch=5e-5, width=25 * THICKNESS),
-        sensor=sg.FarField.grid(shape=(20, 23), pitch=0.8 / (2 * 25 * THICKNESS / WAVELENGTH)),
-    )  # fmt: skip
-    before, images = torch.get_num_threads(), []
-    try:
-        for threads in (1, 2):
-            torch.set_num_threads(threads)
-            images.append(sg.render(scene, sampler="stationary", paths=5000, seed=1).intensity)
-    finally:
-        torch.set_num_threads(before)
-    assert np.array_equal(*images)
-
-
 @pytest.mark.parametrize("tolerance", [0.1, 0.01, 1e-6])
 def test_modes_leave_out_no_more_than_asked(tolerance):
     kernel = estimate_correlation(slab(), 5000, 1)
@@ -437,15 +398,6 @@ def test_images_have_the_distribution_of_the_path_sampler():
     # Three lit pixels within the memory effect: between one speckle pattern and three independent ones.
     assert 0.4 < by_paths[1] < 1.0
     refute_z(1.1 * stationary, by_paths, np.hypot(error, other), degrees=count - 1, slack=slack)
-
-
-def test_complex_normals_have_unit_power():
-    drawn = complex_normals(1, 2, (200, 500), torch.complex128).numpy().ravel()
-    assert_mean(
-        np.stack([np.abs(drawn) ** 2, (drawn**2).real, (drawn**2).imag, drawn.real, drawn.imag], 1), [1, 0, 0, 0, 0]
-    )
-    single = complex_normals(1, 2, (200, 500), torch.complex64).numpy().ravel()
-    np.testing.assert_allclose(single, drawn, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("pitch", [1e-9, 1e-30, 1e-300])
