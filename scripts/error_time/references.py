@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 from references.correlation_transfer import quadruple
+from references.naive_covariance import naive_covariance
 
 import specklegen as sg
 from specklegen.core.statistics import BATCHES
 from specklegen.error_time import Estimate, Probes
 from specklegen.error_time.probes import only
 from specklegen.oracles import box_algorithms
-from specklegen.oracles.naive_covariance import naive_covariance
 from specklegen.theory.phase_screens import coherence, tilt_ways
 
 from . import machine

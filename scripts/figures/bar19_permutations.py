@@ -13,9 +13,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _bar19 import OUT, Row, clock, report, save
 from _command import run
+from references.path_permutations import permutation_covariance
 
 from specklegen.oracles.box_media import box, henyey_greenstein
-from specklegen.oracles.path_permutations import permutation_covariance
 
 AXIS = np.array([0.0, 1.0])
 VIEWS = np.concatenate([np.arange(0.0, 166.0, 15.0), np.arange(170.0, 180.1)])

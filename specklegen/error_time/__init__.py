@@ -8,18 +8,6 @@ from specklegen.error_time.samplers import SAMPLERS, Sampler
 from specklegen.error_time.trends import Trend, crossover, fit_trend
 
 __all__ = [
-    "FACTOR",
-    "SAMPLERS",
-    "Cost",
-    "Estimate",
-    "Probes",
-    "Row",
-    "Sampler",
-    "Trend",
-    "compare",
-    "crossover",
-    "fit_trend",
-    "measured",
-    "probes_of",
-    "serving",
-]
+    "FACTOR", "SAMPLERS", "Cost", "Estimate", "Probes", "Row", "Sampler", "Trend", "compare", "crossover", "fit_trend",
+    "measured", "probes_of", "serving",
+]  # fmt: skip

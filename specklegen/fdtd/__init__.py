@@ -20,28 +20,8 @@ from specklegen.fdtd.validity import phase_variance
 from specklegen.fdtd.yee import yee
 
 __all__ = [
-    "CoherentTransmission",
-    "EquivalentSlab",
-    "Incidence",
-    "MeanField",
-    "Moments",
-    "Pulse",
-    "RandomLayer",
-    "ScatteredField",
-    "SingleDelay",
-    "Validity",
-    "coherent_transmission",
-    "courant_limit",
-    "equivalent_slab",
-    "illuminate",
-    "in_phase",
-    "monte_carlo_mean",
-    "out_of_phase",
-    "phase_variance",
-    "sample_moments",
-    "single_delay",
-    "single_realization",
-    "slab_fresnel",
-    "transfer_matrix",
-    "yee",
-]
+    "CoherentTransmission", "EquivalentSlab", "Incidence", "MeanField", "Moments", "Pulse", "RandomLayer",
+    "ScatteredField", "SingleDelay", "Validity", "coherent_transmission", "courant_limit", "equivalent_slab",
+    "illuminate", "in_phase", "monte_carlo_mean", "out_of_phase", "phase_variance", "sample_moments", "single_delay",
+    "single_realization", "slab_fresnel", "transfer_matrix", "yee",
+]  # fmt: skip

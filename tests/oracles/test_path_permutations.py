@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from references.path_permutations import permutation_covariance
 from zscore import assert_mean, assert_z, refute_mean, refute_z
 
 from specklegen.oracles.box_algorithms import Far, Setup, contributions
 from specklegen.oracles.box_media import box, henyey_greenstein
-from specklegen.oracles.path_permutations import permutation_covariance
 
 pytestmark = pytest.mark.slow  # the oracle's own checks
 

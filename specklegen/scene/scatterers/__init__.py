@@ -10,15 +10,6 @@ from specklegen.scene.scatterers.tabulated import Tabulated
 from specklegen.scene.scatterers.von_mises_fisher import VonMisesFisher
 
 __all__ = [
-    "AnyScatterer",
-    "Dimensions",
-    "HenyeyGreenstein",
-    "Isotropic",
-    "Mie",
-    "Mixture",
-    "Rayleigh",
-    "Row",
-    "Scatterer",
-    "Tabulated",
-    "VonMisesFisher",
-]
+    "AnyScatterer", "Dimensions", "HenyeyGreenstein", "Isotropic", "Mie", "Mixture", "Rayleigh", "Row", "Scatterer",
+    "Tabulated", "VonMisesFisher",
+]  # fmt: skip
