@@ -181,10 +181,8 @@ def _stop(*_: object) -> None:
 
 
 def outcome(main: Callable[[list[str]], None], line: list[str], seconds: int) -> tuple[str, str]:
-    """What becomes of a line: "ok", "refused", "slow" or "traceback"; and the traceback.
-
-    Seconds are those of the processor, so that a busy machine judges as many lines as a quiet one.
-    """
+    """What becomes of a line: "ok", "refused", "slow" or "traceback"; and the traceback. Seconds are those of the
+    processor, so that a busy machine judges as many lines as a quiet one."""
     timers = ((signal.ITIMER_PROF, signal.SIGPROF, seconds), (signal.ITIMER_REAL, signal.SIGALRM, PATIENCE * seconds))
     before = {number: signal.signal(number, _stop) for _, number, _ in timers}
     try:

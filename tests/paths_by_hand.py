@@ -57,10 +57,8 @@ def phasor(t: np.ndarray) -> np.ndarray:
 
 
 def field(bank, medium, wavelength, lights, views, phases, references, profile, width, *, reverse=False) -> np.ndarray:
-    """u complex128[T, V]: a = A_i(x1, w1) B_v(xB, wB), plus a^r = A_i(xB, -wB) B_v(x1, -w1).
-
-    ``references`` = (i_ref, v_ref): a connection's random phase is relative to k (i_ref . x1 - v_ref . xB).
-    """
+    """u complex128[T, V]: a = A_i(x1, w1) B_v(xB, wB), plus a^r = A_i(xB, -wB) B_v(x1, -w1). ``references`` = (i_ref,
+    v_ref): a connection's random phase is relative to k (i_ref . x1 - v_ref . xB)."""
     g, thickness, sigma = medium.scatterer.g, medium.thickness, medium.extinction
     common = turns(references[0], bank.entry, wavelength) - turns(references[1], bank.exit, wavelength)
     single = bank.orders == 1

@@ -170,10 +170,8 @@ def faced_scenes(draw) -> sg.Scene:
 
 @st.composite
 def screen_media(draw, wavelength: float) -> sg.PhaseScreen | sg.GroundGlass | sg.ScreenStack:
-    """Thin media: smooth to rough, one to four of them, touching or far apart, at rest or in motion.
-
-    Four of the widest have an rms angle of .32, just what a stack may have.
-    """
+    """Thin media: smooth to rough, one to four of them, touching or far apart, at rest or in motion. Four of the widest
+    have an rms angle of .32, just what a stack may have."""
 
     def screen():
         kind = draw(st.integers(0, 2))

@@ -86,10 +86,8 @@ PUBLIC = public()
 
 
 def parameters_of(thing: Any) -> dict[str, Any]:
-    """Parameters and their defaults; of a class those of its constructor, none where Python alone knows them.
-
-    A protocol is not called.
-    """
+    """Parameters and their defaults; of a class those of its constructor, none where Python alone knows them. A
+    protocol is not called."""
     if getattr(thing, "_is_protocol", False):
         return {}
     try:

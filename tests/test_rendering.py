@@ -43,11 +43,8 @@ def scene(*, tilts=(0.0, 2.0), shape=(8, 9), pitch=0.5, medium=None, profile="sq
 
 
 def sparse_scene(medium=None, views=6) -> sg.Scene:
-    """Views 300 speckles apart: independent.
-
-    That is several lambda / L: closer by, vertices of one path interfere, and the excess is above the promise (0.39
-    for 0.25 at 20 speckles in the second case of the test of the promise).
-    """
+    """Views 300 speckles apart: independent. That is several lambda / L: closer by, vertices of one path interfere, and
+    the excess is above the promise (0.39 for 0.25 at 20 speckles in the second case of the test of the promise)."""
     line = np.stack([300 * GRAIN * np.arange(views), np.zeros(views)], 1)
     return scene(tilts=[0.0], medium=medium).replace(sensor=sg.FarField(directions=directions_of_sines("v", line)))
 
@@ -58,10 +55,8 @@ SAMPLERS = ["paths", "stationary"]
 
 
 def assert_gaussian(u: np.ndarray) -> None:
-    """A zero-mean circular Gaussian field: <u> = <u^2> = 0, <|u|^4> = 2 <|u|^2>^2, exponential intensity.
-
-    ``u`` complex[R, V], independent along both axes, unit mean intensity in expectation at most up to a common factor.
-    """
+    """A zero-mean circular Gaussian field: <u> = <u^2> = 0, <|u|^4> = 2 <|u|^2>^2, exponential intensity. ``u``
+    complex[R, V], independent along both axes, unit mean intensity in expectation at most up to a common factor."""
     count = u.size
     flat = u.ravel() / np.sqrt(np.square(np.abs(u)).mean())
     assert_mean(np.stack([flat.real, flat.imag, (flat**2).real, (flat**2).imag], 1), 0)

@@ -138,10 +138,8 @@ def address(site):
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here")
 def test_every_page_fits_a_telephone_and_a_screen(site, tmp_path):
-    """Each page, at 390 and at 1280 pixels: no error on the console, and nothing reaches over its edge.
-
-    A page of our own shows the others in a frame, one after another, and sends back what it saw.
-    """
+    """Each page, at 390 and at 1280 pixels: no error on the console, and nothing reaches over its edge. A page of our
+    own shows the others in a frame, one after another, and sends back what it saw."""
     pages = [str(page.relative_to(site)) for page in sorted(site.rglob("*.html"))
              if page.relative_to(site).parts[0] not in ("_static", "_modules", "_downloads")]  # fmt: skip
     pages = [page for page in pages if re.search(os.environ.get("PAGES", ""), page)]

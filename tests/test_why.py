@@ -169,10 +169,8 @@ def test_no_row_is_of_two_classes(images, tmp_path):
 
 @pytest.mark.slow
 def test_the_stream_has_the_correlations_of_waves(images, tmp_path):
-    """Sixteen media by waves and 400 images of the stream behind the thick slab; convolution is told from them.
-
-    The slack is less than what the planner says of the sampler that is asked for: correlations off by .08.
-    """
+    """Sixteen media by waves and 400 images of the stream behind the thick slab; convolution is told from them. The
+    slack is less than what the planner says of the sampler that is asked for: correlations off by .08."""
     images.keep_rows(tmp_path / "rows", 9, 300)
     stream = np.array([images.lags(x) for x, _ in images.of_the_stream(tmp_path / "rows", 240.0, 9, 400)])
     media = np.array([np.mean([images.lags(x) for x, _ in images.by_waves(240.0, n, 50)], 0) for n in range(16)])

@@ -282,11 +282,8 @@ def test_sampled_fields_are_a_pure_function_of_the_seed():
 
 
 def copula_z(fields, sigma):
-    """Largest z of the covariance over all pairs of points, at one turn.
-
-    The Fourier transform is unitary, so that the mean over all pixels is the mean of
-    e^{i (phi_1 - phi_2)} over the samples of the disc, whose exact mean is real.
-    """
+    """Largest z of the covariance over all pairs of points, at one turn. The Fourier transform is unitary, so that the
+    mean over all pixels is the mean of e^{i (phi_1 - phi_2)} over the samples of the disc, whose exact mean is real."""
     beta = line(51) / (2 * math.pi * sigma)
     exact = np.exp(-((2 * math.pi) ** 2) * (1 - np.cos(beta[:, None] - beta)))[np.triu_indices(51, 1)]
     error = (fields.T @ fields.conj() / len(fields))[np.triu_indices(51, 1)] - exact

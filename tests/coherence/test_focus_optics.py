@@ -82,10 +82,8 @@ def test_axial_table(sigma):
 
 
 def debye_csd(x, sigma, nodes=200):
-    """Infinite f: every source point sends a plane wave of sine t / sqrt(4 + t^2), t = x' / a.
-
-    Continuous source, Gauss-Legendre; the flux through the plane weighs a pair by its mean cosine.
-    """
+    """Infinite f: every source point sends a plane wave of sine t / sqrt(4 + t^2), t = x' / a. Continuous source,
+    Gauss-Legendre; the flux through the plane weighs a pair by its mean cosine."""
     t, weight = np.polynomial.legendre.leggauss(nodes)
     s0 = np.hypot(2, t)
     field = np.exp(-1j * K * np.outer(x, t / s0)) * weight * 2 / s0**1.5

@@ -191,11 +191,9 @@ def test_too_many_pixels_for_the_wavelength_are_refused():
 
 
 def test_positions_and_tilts_are_two_views_of_one_source():
-    """Coherent modes of positions on the face, and tilted beams, in one medium: the same image.
-
-    The trigonometric interpolation between pixels joins opposite edges of the window: like the series of a
-    function with a step, its mean square error falls as 1 / count.
-    """
+    """Coherent modes of positions on the face, and tilted beams, in one medium: the same image. The trigonometric
+    interpolation between pixels joins opposite edges of the window: like the series of a function with a step, its mean
+    square error falls as 1 / count."""
     length = WIDTH / 2
     source = gaussian_schell_object(WAVELENGTH, length, WIDTH)
     power = source.brightness[source.brightness > 0]

@@ -119,11 +119,8 @@ def test_members_of_a_union_are_told_apart_by_name_or_by_required_fields():
 
 
 def test_whoever_changes_a_default_raises_the_data_version():
-    """A default stands for every value that does not state the field. New fields may come.
-
-    If this fails on purpose, raise DATA_VERSION, and write the file anew:
-    ``PYTHONPATH=tests python tests/core/test_identity.py``.
-    """
+    """A default stands for every value that does not state the field. New fields may come. If this fails on purpose,
+    raise DATA_VERSION, and write the file anew: ``PYTHONPATH=tests python tests/core/test_identity.py``."""
     recorded = json.loads(DEFAULTS.read_text())
     present = defaults()
     changed = {name: (value, present.get(name)) for name, value in recorded["defaults"].items()

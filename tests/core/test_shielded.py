@@ -223,10 +223,8 @@ def test_verbs_give_the_same_under_all_contexts(verb):
 
 
 def test_products_are_on_one_thread_where_only_openmp_was_told():
-    """threadpoolctl sets the threads of OpenMP alone: torch then counts 1, and its products run on two.
-
-    A whole run of the tests failed by it: what ran before in the process had left that state.
-    """
+    """threadpoolctl sets the threads of OpenMP alone: torch then counts 1, and its products run on two. A whole run of
+    the tests failed by it: what ran before in the process had left that state."""
     from threadpoolctl import threadpool_limits
 
     rng = torch.Generator().manual_seed(1)

@@ -208,10 +208,8 @@ def leave_garbage(value):
 
 
 def gone(threads):
-    """Wait for threads to end for the system too, a little after they have for Python.
-
-    Until then they give back what MKL keeps for them, under a lock that a fork would copy as it is held, for ever.
-    """
+    """Wait for threads to end for the system too, a little after they have for Python. Until then they give back what
+    MKL keeps for them, under a lock that a fork would copy as it is held, for ever."""
     tasks, deadline = Path("/proc/self/task"), time.monotonic() + 60
     while tasks.exists() and {str(each.native_id) for each in threads} & {task.name for task in tasks.iterdir()}:
         assert time.monotonic() < deadline
@@ -496,11 +494,9 @@ DEPENDENCES = {
 
 
 def run(histories, chosen, dependences=()):
-    """All histories of a seed, None for those that are always the same; what fails is raised.
-
-    Then histories with each deliberate dependence in turn, until one fails: how many it took is printed. One that is
-    not caught by as many as ran without is an error.
-    """
+    """All histories of a seed, None for those that are always the same; what fails is raised. Then histories with each
+    deliberate dependence in turn, until one fails: how many it took is printed. One that is not caught by as many as
+    ran without is an error."""
     # Planning is two thirds of a history; of few paths it depends on what happens before as much as of many.
     pilot.PILOT_PATHS, roulette.SLAB_PATHS, roulette.SCENE_PATHS = 128, 64, 64
     stationarity.GLANCE_PATHS = stationarity.FIRST_PATHS = stationarity.MOST_PATHS = stationarity.ENVELOPE_PATHS = 64

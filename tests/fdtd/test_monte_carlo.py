@@ -76,11 +76,9 @@ def test_the_transform_is_long_enough():
     (True, 0.02, 0.048, 0.0099), (True, 0.5, 0.649, 0.066), (True, 3.0, 2.84, 0.183), (False, 3.0, 0.0152, 0.0031),
 ])  # fmt: skip
 def test_table_of_marched_brute_force(modulated, lc, back, forward):
-    """4000 marches against one march with the mean currents of the same media; 50 % back, 10 % forward.
-
-    Forward the tolerance has three times the scatter between draws of 4000 media on top (7 % of the error;
-    10 % where the mean is third moments of the sample, without carrier).
-    """
+    """4000 marches against one march with the mean currents of the same media; 50 % back, 10 % forward. Forward the
+    tolerance has three times the scatter between draws of 4000 media on top (7 % of the error; 10 % where the mean is
+    third moments of the sample, without carrier)."""
     layer, pulse = RandomLayer(correlation_length=lc), Pulse(modulated=modulated)
     brute = monte_carlo_mean(layer, 4000, "fdtd", pulse=pulse)
     mean = single_realization(layer, covariance="sample", kappa=layer.sample(4000, 0), pulse=pulse)

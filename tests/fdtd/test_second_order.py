@@ -57,11 +57,8 @@ FAST = [(True, 0.02), (True, 3.0), (False, 3.0)]
 
 
 def check_second_order(layer, pulse, expected, seeds):
-    """Mean error over seeds against the table's one draw.
-
-    Allowed: what is stated of such tables, 50 % back and 10 % forward, its rounding, and three times the scatter
-    that one draw of 4000 media has among the seeds.
-    """
+    """Mean error over seeds against the table's one draw. Allowed: what is stated of such tables, 50 % back and 10 %
+    forward, its rounding, and three times the scatter that one draw of 4000 media has among the seeds."""
     incidence = illuminate(layer, pulse)
     errors = np.array([sample_errors(layer, incidence, seed, 2) for seed in seeds])
     rounding = np.array([5e-3 if v >= 1 else 5e-5 for v in expected])

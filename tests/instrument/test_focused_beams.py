@@ -188,11 +188,9 @@ def test_clear_light_through_a_lens_shows_the_focus():
 
 
 def test_a_confocal_scan_sees_what_scatters_in_focus():
-    """Power at the pixels that light is focused on, scattered once: sigma_s / 4 pi int |U|^2 |h|^2 e^(-2 sigma z).
-
-    By the mean over phases of one bank, h the image of a point by the same lens; the integral by nodes of the closed
-    form, which the lens' image of a point is too, times the root of the solid angle that it takes.
-    """
+    """Power at the pixels that light is focused on, scattered once: sigma_s / 4 pi int |U|^2 |h|^2 e^(-2 sigma z). By
+    the mean over phases of one bank, h the image of a point by the same lens; the integral by nodes of the closed form,
+    which the lens' image of a point is too, times the root of the solid angle that it takes."""
     depth, thickness, sigma = 10.0, 20.0, 0.01
     medium = sg.Slab(thickness=thickness, mean_free_path=1 / sigma, scatterer=sg.Isotropic())
     camera = sg.Imaging(shape=(3, 3), pitch=0.7, aperture=0.35, focus=-depth, side="reflection",

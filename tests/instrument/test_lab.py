@@ -27,10 +27,8 @@ EXAMPLE = {  # millimetres: the example of the published check
 
 
 def exact_phase(setup, x, y, source, pixel):
-    """Phase of light from (source, 0) on the object through (x, y) on the layer to (pixel, 0), radians.
-
-    A pixel behind a lens collects a plane wave at the angle atan(pixel / f).
-    """
+    """Phase of light from (source, 0) on the object through (x, y) on the layer to (pixel, 0), radians. A pixel behind
+    a lens collects a plane wave at the angle atan(pixel / f)."""
     to_layer = np.sqrt(setup.object_distance**2 + (x - source) ** 2 + y**2)
     if setup.camera_distance is None:
         to_camera = -x * np.sin(np.arctan2(pixel, setup.focal_length))
@@ -130,11 +128,9 @@ def test_a_lens_takes_the_terms_of_the_camera_away():
 
 
 def speckle_through_a_layer(setup, source, pixels, layer, spherical):
-    """Intensity at pixels float[n] of one layer: exactly, or as the engine maps it.
-
-    The layer is a set of points (x, y) with random phases. The engine's field is the far field at the
-    lab's sines, of the same layer with the quadratic phases that all patterns share put into it.
-    """
+    """Intensity at pixels float[n] of one layer: exactly, or as the engine maps it. The layer is a set of points (x, y)
+    with random phases. The engine's field is the far field at the lab's sines, of the same layer with the quadratic
+    phases that all patterns share put into it."""
     x, y, phase = layer
     if spherical:
         paths = exact_phase(setup, x[:, None], y[:, None], source, pixels)
@@ -267,10 +263,8 @@ def test_the_remedies_for_undersampling_work():
 
 
 def test_the_largest_bandwidth_moves_the_pattern_by_one_speckle():
-    """Exact: the pattern at the farthest pixel, at the two ends of the band, has lost its correlation.
-
-    Behind a thin layer whose phase does not change with wavelength; one speckle is the first zero of sinc.
-    """
+    """Exact: the pattern at the farthest pixel, at the two ends of the band, has lost its correlation. Behind a thin
+    layer whose phase does not change with wavelength; one speckle is the first zero of sinc."""
     setup = LabSetup(**EXAMPLE)
     half = 0.5 * max(setup.pixels) * setup.pixel_pitch
     line = ((np.arange(20000) + 0.5) / 20000 - 0.5) * setup.aperture

@@ -44,11 +44,9 @@ def rms(field):
 
 @pytest.mark.parametrize("pupil", [pytest.param(sg.Pupil(), marks=pytest.mark.slow), ABERRATED])
 def test_points_on_the_plane_in_focus_see_the_same_field_through_the_pupil(pupil):
-    """The same connections at points of the near field, path by path, their field filtered by the pupil.
-
-    Of isotropic particles without attenuation, whose spherical waves are sums of plane ones (Weyl) at any distance. The
-    plane ends softly where waves come in at sines over .5, which the pupil takes no more: 1e-8 are left.
-    """
+    """The same connections at points of the near field, path by path, their field filtered by the pupil. Of isotropic
+    particles without attenuation, whose spherical waves are sums of plane ones (Weyl) at any distance. The plane ends
+    softly where waves come in at sines over .5, which the pupil takes no more: 1e-8 are left."""
     isotropic = sg.Slab(thickness=30.0, mean_free_path=15.0, scatterer=sg.Isotropic())
     seen = scene(isotropic, width=20.0, tilts=(0.0, 0.01), aperture=0.15, pitch=1.6, focus=60.0, pupil=pupil)
     through = lens_of(seen)
@@ -142,10 +140,8 @@ def test_the_grain_is_that_of_the_pupil_and_the_contrast_one(focus):
 
 
 def test_a_point_at_depth_in_focus_and_five_rayleigh_lengths_off():
-    """One scatterer 20 below the face: its image in focus, carried on by the integral of Rayleigh and Sommerfeld.
-
-    A pupil of waist .06, of which 3.3 waists are seen, makes a spot whose Rayleigh length is 1 / (pi .06^2) = 88.
-    """
+    """One scatterer 20 below the face: its image in focus, carried on by the integral of Rayleigh and Sommerfeld. A
+    pupil of waist .06, of which 3.3 waists are seen, makes a spot whose Rayleigh length is 1 / (pi .06^2) = 88."""
     seen = scene(FORWARD.replace(mean_free_path=1e9), aperture=0.2, focus=-20.0, shape=(64, 64), pitch=1.2,
                  pupil=sg.Pupil(waist=0.3))  # fmt: skip
     through, off = lens(seen, 161), 5 / (np.pi * 0.06**2)
@@ -276,10 +272,8 @@ SHIFTS = 100.0 * TILT * np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 
 def joint_parts(width, paths):
     """Sums over the pupil of images' overlaps, of a bank's every connection: float64[20, 2 + shifts], power first.
-
     Directions are a tilt apart, so that an image under the tilt, less the beam's own, is the other's next column. The
-    random phases of connections are averaged exactly.
-    """
+    random phases of connections are averaged exactly."""
     count = int(0.8 / np.sin(TILT))
     seen = scene(JOINT, width=width, tilts=(0.0, TILT), shape=(8, 8), pitch=0.5, aperture=count * np.sin(TILT) / 2)
     through = Lens(seen, seen.sensor, seen.sensor.pupil_grid(count))
@@ -305,10 +299,8 @@ def overlap(total):
 
 
 def test_an_image_moves_with_the_tilt_as_the_joint_correlation_says():
-    """|C| of images under a tilt delta = 13.1 / (k L), shifted by 0 to L delta: .65 .82 .89 .83 .66.
-
-    Of a window so wide that both beams light the same particles: in one of 20 they would not, and lose .02.
-    """
+    """|C| of images under a tilt delta = 13.1 / (k L), shifted by 0 to L delta: .65 .82 .89 .83 .66. Of a window so
+    wide that both beams light the same particles: in one of 20 they would not, and lose .02."""
     found, error = jackknife(joint_parts(4000.0, 3000), overlap)
     expected = sg.joint_correlation(JOINT, wavelength=1.0, tilts=[TILT], shifts=SHIFTS, paths=100_000, seed=0)
     error = np.hypot(error, expected.standard_error[0])

@@ -49,10 +49,8 @@ def test_normal_quantiles_in_the_middle_and_in_both_tails():
 
 @pytest.mark.parametrize("mean", MEANS)
 def test_poisson_numbers_are_the_exact_quantiles(mean):
-    """Over six decades and more: all of 1e5 equal, but at most 2 of them, by 1, for the expansion's error of 1e-6.
-
-    (The chance of 3 where 0.1 are expected is 2e-4, and the numbers are the same in every run.)
-    """
+    """Over six decades and more: all of 1e5 equal, but at most 2 of them, by 1, for the expansion's error of 1e-6. (The
+    chance of 3 where 0.1 are expected is 2e-4, and the numbers are the same in every run.)"""
     exact = poisson.ppf(units(), mean) if mean else np.zeros(N)
     found = numbers(mean)
     off = found != exact
@@ -68,10 +66,8 @@ def test_poisson_numbers_are_the_exact_quantiles(mean):
 
 @pytest.mark.parametrize("u", [2.0**-53, 1e-9, 0.5, 1 - 1e-9, 1 - 2.0**-53])
 def test_quantiles_rise_with_the_mean(u):
-    """And are finite, and not below 0, at the ends of the uniform numbers, across the change of method.
-
-    At the very last uniform number, 2^-53 below 1, the rounding of a sum of probabilities decides, by up to 6.
-    """
+    """And are finite, and not below 0, at the ends of the uniform numbers, across the change of method. At the very
+    last uniform number, 2^-53 below 1, the rounding of a sum of probabilities decides, by up to 6."""
     means = torch.linspace(0, 200, 4001, dtype=torch.float64)
     found = torch_quantiles.poisson_quantile(means, torch.full_like(means, u))
     assert (found[1:] >= found[:-1] - 6 * (u > 1 - 1e-15)).all()

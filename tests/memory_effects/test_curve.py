@@ -291,9 +291,7 @@ def test_faint_light_has_its_correlation():
 @pytest.mark.parametrize("options", [{}, pytest.param({"mode": "reflection"}, marks=pytest.mark.slow)])
 def test_standard_errors_are_calibrated(options):
     """z of independent seeds about their common mean has variance 1, or less: errors are 1 to 1.3 times the spread.
-
-    They are what 1.96 of hold the truth in 95 % of cases, heavy tails and bends included (`jackknife`).
-    """
+    They are what 1.96 of hold the truth in 95 % of cases, heavy tails and bends included (`jackknife`)."""
     seeds, q = 200, [0.7, 1.5]
     runs = [curve(slab(2), q, 2000, (9, seed), **options) for seed in range(seeds)]
     values, errors = np.array([r.intensity for r in runs]), np.array([r.standard_error for r in runs])

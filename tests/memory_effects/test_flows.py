@@ -200,9 +200,7 @@ def test_a_medium_that_moves_as_one_forgets_nothing():
 
 def walked_by_hand(lags, paths, seed, turn=1.0):
     """g1 of ``LAYERS`` by a literal walk whose scatterers have moved: lengths between them before and after.
-
-    complex128[64, 1 + lags]: of 64 batches, the sum of weights first.
-    """
+    complex128[64, 1 + lags]: of 64 batches, the sum of weights first."""
     rng = np.random.default_rng(seed)
     sums = np.zeros((64, 1 + len(lags)), complex)
     place = np.stack([np.zeros(paths), np.zeros(paths), rng.exponential(10.0, paths)], 1)

@@ -19,9 +19,7 @@ FLUID, SHEAR = sg.Brownian(diffusion=1.0), sg.Shear(rate=1.0)
 
 def collected(depth, g, motion, paths):
     """Bank of a slab of mean free path 1 on the axis, its layout, and light float64[M] and lengths of the connections.
-
-    Lengths are those between the faces.
-    """
+    Lengths are those between the faces."""
     slab = sg.Slab(thickness=float(depth), mean_free_path=1.0, scatterer=sg.HenyeyGreenstein(g), motion=motion)
     bank = plane_tracer(slab, 1e-3, AXIS[None], AXIS[None], False, transfer=True).trace(1, paths, threads=1)
     layout = plane_layout(slab, 1e-3, AXIS[None], AXIS[None])
@@ -89,10 +87,8 @@ def test_the_shear_that_paths_collect(depth, g, paths, expected, printed):
 
 
 def test_one_exponential_is_another_law():
-    """Equal times of 1/e: C_I at three of them is .0025 of an autoregression and .0116 of OD 10, isotropic.
-
-    K(q) g1(x), near and far light forgotten alike, is off by up to .04 there, and by .12 of g .9.
-    """
+    """Equal times of 1/e: C_I at three of them is .0025 of an autoregression and .0116 of OD 10, isotropic. K(q) g1(x),
+    near and far light forgotten alike, is off by up to .04 there, and by .12 of g .9."""
     q, shares = np.linspace(0, 6, 13), np.geomspace(0.05, 5, 24)
     for g, expected in ((0.0, 0.04), (0.9, 0.12)):
         slab = sg.Slab(thickness=10.0, mean_free_path=1.0, scatterer=sg.HenyeyGreenstein(g), motion=FLUID)

@@ -88,10 +88,8 @@ def test_squared_at_shares_of_the_time_to_one_over_e(name):
 
 
 def test_contrast_of_an_exposure_as_long_as_the_time_to_one_over_e():
-    """K^2 = (2 / T) int (1 - t / T) |g1|^2 dt, Bandyopadhyay et al. (2005); .409 at T = t_e for OD 10, g .9.
-
-    Of isotropic scatterers .5430 and .1835 at x = .01 and .05.
-    """
+    """K^2 = (2 / T) int (1 - t / T) |g1|^2 dt, Bandyopadhyay et al. (2005); .409 at T = t_e for OD 10, g .9. Of
+    isotropic scatterers .5430 and .1835 at x = .01 and .05."""
     t = (np.arange(400) + 0.5) / 400
     lags = np.geomspace(0.3, 3, 60) * 2.0
     fallen = np.interp(np.exp(-1), curve(slab(10, FORWARD), lags).field.real[::-1], lags[::-1])
@@ -146,10 +144,8 @@ def test_reflection_off_backscattering_as_another_program_has_it(reverse):
 
 
 def test_backscattering_forgets_as_one_way_does():
-    """At v = -i both ways of a path turn alike: (S a + M g) / (S + M), and (S a + 2 M g) / (S + 2 M) with both.
-
-    a = e^(-4 x) of single scattering, Y = 2. g follows from either.
-    """
+    """At v = -i both ways of a path turn alike: (S a + M g) / (S + M), and (S a + 2 M g) / (S + 2 M) with both. a =
+    e^(-4 x) of single scattering, Y = 2. g follows from either."""
     medium, x, asked = slab(5, ISOTROPIC), 0.02, {"mode": "reflection", "view": [0, 0, -1.0], "paths": 24_000}
     single = sg.memory_effect(medium, wavelength=WAVELENGTH, tilts=[0.0], reverse=False, **asked).single_share
     found = [curve(medium, [x], reverse=reverse, **asked) for reverse in (False, True)]
@@ -269,10 +265,8 @@ def test_radiative_transfer_without_a_random_number_agrees(depth, g, albedo, cos
 
 
 def test_waves_through_slices_agree_over_all_views():
-    """K(q, x) of a forward slab by split-step waves whose screens have moved, within .015 (L / l* = .016).
-
-    Slices and walks differ by up to .013 at such depths (:mod:`specklegen.oracles.multi_slice`).
-    """
+    """K(q, x) of a forward slab by split-step waves whose screens have moved, within .015 (L / l* = .016). Slices and
+    walks differ by up to .013 at such depths (:mod:`specklegen.oracles.multi_slice`)."""
     concentration = (2 * np.pi * 4) ** 2 / 2
     medium = sg.Slab(thickness=400.0, mean_free_path=80.0, scatterer=sg.VonMisesFisher(concentration=concentration),
                      motion=sg.Brownian(diffusion=1 / (2 * np.pi) ** 2))  # fmt: skip

@@ -17,10 +17,8 @@ VIEWS = {"transmission": [0.48, 0.36, 0.8], "reflection": [0.6, 0.0, -0.8]}
 
 
 def walked(view, motion, lags, paths=80_000, seed=1):
-    """Sums complex128[64, lags] of w e^(-2 x Y), or of w e^(-i k t D): what moves is where x > 0.
-
-    Photons enter through the lower face, evenly, along z; isotropic scatterers.
-    """
+    """Sums complex128[64, lags] of w e^(-2 x Y), or of w e^(-i k t D): what moves is where x > 0. Photons enter through
+    the lower face, evenly, along z; isotropic scatterers."""
     rng, view = np.random.default_rng(seed), np.asarray(view)
     place = np.stack([rng.uniform(-3, 3, paths), rng.uniform(-2, 2, paths), np.zeros(paths)], 1)
     way, batch = np.tile([0.0, 0.0, 1.0], (paths, 1)), np.arange(paths) % 64

@@ -85,10 +85,8 @@ EDGES = np.array([0.0, 4.0, 8.0, 16.0, 30.0])
 
 
 def by_voxels(lags):
-    """g1 in bins of the distance by the engine's paths through voxels, and its error, float64[bins, lags].
-
-    What enters at a place is, by reciprocity, what leaves there of a beam that is wide.
-    """
+    """g1 in bins of the distance by the engine's paths through voxels, and its error, float64[bins, lags]. What enters
+    at a place is, by reciprocity, what leaves there of a beam that is wide."""
     x = (np.arange(-200, 200) + 0.5) * FINE
     z = (np.arange(40) + 0.5) * FINE
     inside = x**2 + (z[:, None] - CHANNEL.depth) ** 2 < CHANNEL.radius**2
@@ -165,10 +163,8 @@ def test_at_rest_and_far_away(paths):
 
 
 def test_intensity_is_the_engines():
-    """Radiance straight back per photon, one way of each path: the weights are no more than that.
-
-    A mutation: photons that are absorbed before they are counted would have albedo too much.
-    """
+    """Radiance straight back per photon, one way of each path: the weights are no more than that. A mutation: photons
+    that are absorbed before they are counted would have albedo too much."""
     found = vertex_paths(TISSUE, 65_536, 8000, 1)
     mean = np.bincount(found.part, found.weight, 16) / 4096
     memory = sg.memory_effect(TISSUE, wavelength=WAVELENGTH, tilts=[0.0], mode="reflection", view=[0.0, 0.0, -1.0],

@@ -164,10 +164,8 @@ def test_bootstrap_is_a_function_of_its_seed():
 
 
 def test_images_without_a_character_are_like_no_other():
-    """Two labelled images among two hundred leave the interval of the media alone, to 15 % of its width.
-
-    As one character together, the others would be drawn not at all, once or twice: the width would be a half more.
-    """
+    """Two labelled images among two hundred leave the interval of the media alone, to 15 % of its width. As one
+    character together, the others would be drawn not at all, once or twice: the width would be a half more."""
     values, media = np.random.default_rng(4).normal(size=200), np.arange(200)
     few = np.full(200, -1)
     few[:2] = 0, 1
@@ -185,10 +183,8 @@ def test_bootstrap_refuses_what_it_cannot_judge(values, media, message):
 
 def test_intervals_over_characters_cover_where_those_over_media_do_not():
     """Ten characters, each a medium of its own to every image, with an effect of their own: 95 % intervals of the mean.
-
-    300 tables. Resampling media alone covers the true mean in 62 %, both in 94 %. Bounds are five standard errors of
-    a share (0.028, 0.014) away.
-    """
+    300 tables. Resampling media alone covers the true mean in 62 %, both in 94 %. Bounds are five standard errors of a
+    share (0.028, 0.014) away."""
     rng = np.random.default_rng(0)
     character = np.repeat(np.arange(10), 8)
     media = np.arange(80)

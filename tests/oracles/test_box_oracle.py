@@ -151,10 +151,8 @@ def test_layers_are_reciprocal(reverse):
 
 
 def test_a_path_and_its_reverse_have_one_balance_weight():
-    """A18: Omega V sigma_s1 sigma_s2 / (sigma_1 + sigma_2) at order two, which needs the ratio of extinctions.
-
-    No mean could tell: any ratio r(x1, x_B) with r r' = 1 for the reverse, even 1, leaves the estimate unbiased.
-    """
+    """A18: Omega V sigma_s1 sigma_s2 / (sigma_1 + sigma_2) at order two, which needs the ratio of extinctions. No mean
+    could tell: any ratio r(x1, x_B) with r r' = 1 for the reverse, even 1, leaves the estimate unbiased."""
     setup = Setup(LAYERS, 1.0, Far(directions([0])), Far(directions([0])))
     parts = contributions(setup, 1000, np.random.default_rng(1), reverse=True)
     weights = next(part.weight for part in parts if part.order == 2)

@@ -27,11 +27,9 @@ SMOOTH = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.VonMisesFi
 
 
 class Row:
-    """An object of pixels in a row, one bin of the waves' transform apart, 1 / side in sines, and its images.
-
-    The camera holds the views of all bins up to ``half`` of them. Waves are as wide as their periodic grid; a render
-    has a window ``fine / 2`` times as wide and finer views, half a grain apart.
-    """
+    """An object of pixels in a row, one bin of the waves' transform apart, 1 / side in sines, and its images. The
+    camera holds the views of all bins up to ``half`` of them. Waves are as wide as their periodic grid; a render has a
+    window ``fine / 2`` times as wide and finer views, half a grain apart."""
 
     def __init__(self, side, lit, brightness, half, *, pitch=0.5, fine=16):
         self.side, self.lit, self.brightness, self.half = side, np.array(lit), np.array(brightness), half
@@ -101,10 +99,8 @@ def mean(pixels):
 
 
 def assert_same(waves, render, scale=0.0):
-    """Intensities of all pixels within two per cent, correlations of the image with itself within .02.
-
-    ``scale`` is the relative error that all intensities of a render have together.
-    """
+    """Intensities of all pixels within two per cent, correlations of the image with itself within .02. ``scale`` is the
+    relative error that all intensities of a render have together."""
     (shown, pixels), (drawn, rendered) = waves, render
     (expected, spread), (found, own) = mean(pixels), mean(rendered)
     error = np.hypot(np.hypot(own, spread) / expected, scale)

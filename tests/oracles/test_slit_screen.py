@@ -58,11 +58,9 @@ def test_far_field_is_the_limit_of_the_field(boundary):
 
 
 def test_wide_slit_is_two_half_planes():
-    """Near one edge of 50 wavelengths the field is that of a half plane, but for the wave of the other edge.
-
-    That wave is 1/sqrt(2 pi k 50) = .023 for each way of a soft edge, and of order (k 50)^(-3/2) = 2e-4 for a hard one,
-    whose wave along the screen cancels at normal incidence.
-    """
+    """Near one edge of 50 wavelengths the field is that of a half plane, but for the wave of the other edge. That wave
+    is 1/sqrt(2 pi k 50) = .023 for each way of a soft edge, and of order (k 50)^(-3/2) = 2e-4 for a hard one, whose
+    wave along the screen cancels at normal incidence."""
     from references.wedge_series import half_plane
 
     width, at = 50.0, np.array([[0.7, 2.0], [-1.0, 1.5]])

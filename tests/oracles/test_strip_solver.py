@@ -44,9 +44,7 @@ def test_reciprocity():
 
 def test_a_wide_screen_with_a_slit_is_the_slit_screen():
     """Two solvers of different equations: strips of 60 wavelengths leave the waves of their far edges at the axis.
-
-    Geometry: at the angle 80 degrees they have D/sqrt(s) of .006 each; the difference falls with the width.
-    """
+    Geometry: at the angle 80 degrees they have D/sqrt(s) of .006 each; the difference falls with the width."""
     at = np.array([[0.0, 12.0], [3.0, 15.0]])
     exact = slit_screen([(-2.5, 2.5)], boundary="soft").field(at)
     for half, tolerance in ((30, 0.02), (60, 0.0075)):  # measured 6.1e-3 at 60, 1.8e-3 at 150

@@ -31,10 +31,8 @@ def mixed(cosine):
 
 
 def test_it_is_the_printed_table_of_the_rayleigh_sky():
-    """Coulson, Dave and Sekera (1960), as Natraj, Li and Yung (Astrophys. J. 691, 1909 (2009)) corrected them.
-
-    Depth .5, incidence .2, seen at cosine .02 before the slab, in the plane of incidence: I and |Q| to eight digits.
-    """
+    """Coulson, Dave and Sekera (1960), as Natraj, Li and Yung (Astrophys. J. 691, 1909 (2009)) corrected them. Depth
+    .5, incidence .2, seen at cosine .02 before the slab, in the plane of incidence: I and |Q| to eight digits."""
     found = vector_adding_doubling(0.5, rayleigh, incidence=0.2, views=[0.02], nodes=24).reflected[0, 0, :, 0]
     np.testing.assert_allclose(found, [0.44129802, 0.01753141, 0, 0], atol=1.5e-7)  # THINNEST leaves 3e-8 out
     forgetful = unpolarised(lambda cosine: 0.75 * (1 + cosine**2))
@@ -61,12 +59,10 @@ PRINTED = {
 
 
 def test_it_is_the_printed_table_of_mie_spheres(monkeypatch):
-    """Evans and Stephens, J. Quant. Spectrosc. Radiat. Transfer 46, 413 (1991): depth 1, albedo .99, incidence .2.
-
-    The problem L = 13 of Garcia and Siewert (1989). Their ground sends up light of no azimuth and no polarisation,
-    which differences leave out. To the last digits at the sixteen nodes that their table was computed with; those leave
-    out some thousandths, and so do too few Fourier terms many.
-    """
+    """Evans and Stephens, J. Quant. Spectrosc. Radiat. Transfer 46, 413 (1991): depth 1, albedo .99, incidence .2. The
+    problem L = 13 of Garcia and Siewert (1989). Their ground sends up light of no azimuth and no polarisation, which
+    differences leave out. To the last digits at the sixteen nodes that their table was computed with; those leave out
+    some thousandths, and so do too few Fourier terms many."""
     x, w = np.polynomial.legendre.leggauss(16)
     x, w = x[8:], w[8:]
 

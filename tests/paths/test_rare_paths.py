@@ -88,10 +88,8 @@ def test_runs_of_too_few_paths_say_so():
 @pytest.mark.slow
 @pytest.mark.parametrize(("depth", "albedo"), [(100.0, 1.0), (100.0, 0.99), (300.0, 1.0)])
 def test_errors_planned_behind_deep_forward_slabs_are_those_found(depth, albedo):
-    """Pilots of scenes that differ by a hair state at the median what a run of a million paths finds.
-
-    An understatement of 20 % fails. Pilots of 6000 paths stated .76 and .66 of it at depth 100.
-    """
+    """Pilots of scenes that differ by a hair state at the median what a run of a million paths finds. An understatement
+    of 20 % fails. Pilots of 6000 paths stated .76 and .66 of it at depth 100."""
     medium = slab(depth, 0.99, albedo)
     pilots = [scene_pilot(ahead(medium, 0.02 * (1 + 1e-6 * n)), False) for n in range(24)]
     stated = np.sqrt([pilot.moments.relative_variance for pilot in pilots])

@@ -131,11 +131,9 @@ FORWARD = [
 
 @pytest.mark.parametrize("medium", FORWARD, ids=["slab", "layers"])
 def test_a_thousand_paths_tell_the_threshold_of_a_slab(medium):
-    """Work for an error, of 16 384 paths of their own, over the least there is: two per cent more on average.
-
-    They tell where the least lies: work is flat about it, so that errors of the threshold count by their square. A
-    sixteenth of the paths loses more.
-    """
+    """Work for an error, of 16 384 paths of their own, over the least there is: two per cent more on average. They tell
+    where the least lies: work is flat about it, so that errors of the threshold count by their square. A sixteenth of
+    the paths loses more."""
     light = sg.CollimatedBeams.tilts([0.0], width=1e5)
     where = sg.Scene(wavelength=1.0, medium=medium, illumination=light, sensor=sg.FarField.grid((8, 8), 2e-6))
     tracer = slab_tracer(where, False)

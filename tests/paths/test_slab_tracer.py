@@ -146,10 +146,8 @@ def _henyey_greenstein_around(axes, g, u, v, out):
 
 
 def outgoing_power(bank, medium, light, power: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Power that each connection sends through the exit and the entrance face.
-
-    Integral of rho(w . v) e^(-tau) over views, by one view a connection drawn from rho.
-    """
+    """Power that each connection sends through the exit and the entrance face. Integral of rho(w . v) e^(-tau) over
+    views, by one view a connection drawn from rho."""
     generator = np.random.default_rng(seed)
     axes = np.where(bank.orders[:, None] > 1, bank.exit_direction, light)
     views = np.empty_like(axes)

@@ -138,10 +138,8 @@ def sphere(rng, n, dimension):
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("light", ["plane", "beam", "inside"])
 def test_energy(dimension, light):
-    """A02 at albedo 1: all that does not pass comes out, into views drawn anew for every batch.
-
-    A source of unit strength inside sends 2 pi or 4 pi, less what leaves without a collision.
-    """
+    """A02 at albedo 1: all that does not pass comes out, into views drawn anew for every batch. A source of unit
+    strength inside sends 2 pi or 4 pi, less what leaves without a collision."""
     rng = np.random.default_rng(20 + dimension)
     upper = [3.0] * dimension
     medium = sg.Box(lower=[-3.0] * dimension, upper=upper, mean_free_path=4.0, scatterer=sg.HenyeyGreenstein(g=0.6))

@@ -50,10 +50,8 @@ def test_the_nearest_view_is_found_without_the_others(side, shape, pitch):
 
 @pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
 def test_the_strongest_mean_is_that_of_all_views(profile):
-    """Grids that hold the tilt, and grids beside it by fractions of a grain up to hundreds of grains.
-
-    Of a disc seen from far beside it a lobe a grain further may be the higher one, for it is sampled by chance.
-    """
+    """Grids that hold the tilt, and grids beside it by fractions of a grain up to hundreds of grains. Of a disc seen
+    from far beside it a lobe a grain further may be the higher one, for it is sampled by chance."""
     for _ in range(60):
         center = RNG.choice([0.3, 3.0, 30.0, 300.0]) / WIDTH * RNG.normal(size=2)
         this = scene(RNG.integers(1, 150, 2), center=tuple(center), pitch=RNG.uniform(0.05, 0.5), profile=profile)

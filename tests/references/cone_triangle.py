@@ -32,10 +32,8 @@ def _at(p, q, z):
 
 @njit
 def _gap(a, t, triangle, z):
-    """g(z) of a triangle float64[3, 3] whose corners rise in z, z within its depths.
-
-    A triangle across the axis is its own slice; its interior counts.
-    """
+    """g(z) of a triangle float64[3, 3] whose corners rise in z, z within its depths. A triangle across the axis is its
+    own slice; its interior counts."""
     low, middle, high = triangle[0], triangle[1], triangle[2]
     if low[2] != high[2]:
         one, two = _at(low, high, z), _at(low, middle, z) if z <= middle[2] else _at(middle, high, z)

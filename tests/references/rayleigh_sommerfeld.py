@@ -22,12 +22,9 @@ def surface_field(
     order: int = 60,
     light: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Field complex128[P] at ``points`` float64[P, 3], z > 0, behind disjoint ``triangles`` float64[T, 3, 2].
-
-    ``light`` is the field at float64[Q, 3] in the opening, 1 by default.
-    ``order`` nodes along each side of a triangle: 60 give 1e-12 for sides of 10 wavelengths, at z of a wavelength or
-    more.
-    """
+    """Field complex128[P] at ``points`` float64[P, 3], z > 0, behind disjoint ``triangles`` float64[T, 3, 2]. ``light``
+    is the field at float64[Q, 3] in the opening, 1 by default. ``order`` nodes along each side of a triangle: 60 give
+    1e-12 for sides of 10 wavelengths, at z of a wavelength or more."""
     triangles, points = np.asarray(triangles, float), np.asarray(points, float)
     x, w = gauss_legendre(order)
     s, w = (x + 1) / 2, w / 2
@@ -48,11 +45,9 @@ def surface_field(
 def propagated_field(
     field: np.ndarray, x: np.ndarray, y: np.ndarray, points: np.ndarray, wavelength: float = 1.0
 ) -> np.ndarray:
-    """Field complex128[P] at ``points`` float64[P, 3], z > 0, behind a field complex128[H, W] on the plane z = 0.
-
-    The same integral by the trapezoidal rule on a regular grid x float64[W], y float64[H], beyond which the field is
-    dark: exact to the digits that it has where the grid resolves field and kernel together.
-    """
+    """Field complex128[P] at ``points`` float64[P, 3], z > 0, behind a field complex128[H, W] on the plane z = 0. The
+    same integral by the trapezoidal rule on a regular grid x float64[W], y float64[H], beyond which the field is dark:
+    exact to the digits that it has where the grid resolves field and kernel together."""
     field, points = np.asarray(field), np.asarray(points, float)
     k, cell = 2 * np.pi / wavelength, (x[1] - x[0]) * (y[1] - y[0])
     propagated = np.empty(len(points), complex)

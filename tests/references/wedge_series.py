@@ -28,11 +28,9 @@ def _sign(boundary: Boundary) -> float:
 def wedge_series(
     n: float, phi: np.ndarray, incidence: np.ndarray, distance: float, k: float, boundary: Boundary
 ) -> np.ndarray:
-    """Total field complex128[...] at one distance r from the edge, for angles that broadcast; 0.5 <= n <= 2.
-
-    The orders of the Bessel functions run to kr + 14 (kr)^(1/3) + 30, where they are below 1e-20; the work grows like
-    kr for every angle.
-    """
+    """Total field complex128[...] at one distance r from the edge, for angles that broadcast; 0.5 <= n <= 2. The orders
+    of the Bessel functions run to kr + 14 (kr)^(1/3) + 30, where they are below 1e-20; the work grows like kr for every
+    angle."""
     sign, x = _sign(boundary), k * distance
     m = np.arange(int(np.ceil(n * (x + 14 * np.cbrt(x) + 30))))
     weights = np.where(m == 0, 1, 2) / n * np.exp(-0.5j * np.pi * (m / n)) * jv(m / n, x)
@@ -53,10 +51,8 @@ def half_plane(
     beta: float = np.pi / 2,
     z: float = 0.0,
 ) -> np.ndarray:
-    """Total field complex128[...] of a half plane at distances r from the edge, 0 <= phi <= 2 pi.
-
-    Exact to rounding of the phase, 1e-16 kr. ``beta`` is the angle between the wave's direction and the edge.
-    """
+    """Total field complex128[...] of a half plane at distances r from the edge, 0 <= phi <= 2 pi. Exact to rounding of
+    the phase, 1e-16 kr. ``beta`` is the angle between the wave's direction and the edge."""
     kr = k * np.sin(beta) * np.asarray(distance, float)
     below, above = _shadowed(np.subtract(phi, incidence), kr), _shadowed(np.add(phi, incidence), kr)
     return (below + _sign(boundary) * above) * np.exp(1j * k * np.cos(beta) * z)
@@ -70,9 +66,7 @@ def _shadowed(angle: np.ndarray, kr: np.ndarray) -> np.ndarray:
 
 
 def transition_function(x: np.ndarray) -> np.ndarray:
-    """F-bar(X) = sqrt(pi X) e^{-i pi/4} w(e^{i pi/4} sqrt(X)), complex128[...], by the Faddeeva function.
-
-    The complex conjugate of Kouyoumjian and Pathak, Proc. IEEE 62, 1448 (1974), Eq. 26, whose time is e^{+i omega t}.
-    """
+    """F-bar(X) = sqrt(pi X) e^{-i pi/4} w(e^{i pi/4} sqrt(X)), complex128[...], by the Faddeeva function. The complex
+    conjugate of Kouyoumjian and Pathak, Proc. IEEE 62, 1448 (1974), Eq. 26, whose time is e^{+i omega t}."""
     root = np.sqrt(np.asarray(x, float))
     return np.sqrt(np.pi) * root * np.exp(-0.25j * np.pi) * wofz(np.exp(0.25j * np.pi) * root)

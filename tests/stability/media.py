@@ -112,10 +112,8 @@ def albedo_tiny() -> Row:
 
 
 def _light_behind(depth: float, albedo: float, g: float) -> tuple[float, float, float]:
-    """Light along the axis behind a slab per area and steradian: exact, ours, and its standard error.
-
-    Ten times the paths where none is drawn across: of 6400 some would err by a sixth, and could not fail.
-    """
+    """Light along the axis behind a slab per area and steradian: exact, ours, and its standard error. Ten times the
+    paths where none is drawn across: of 6400 some would err by a sixth, and could not fail."""
     medium = slab(depth, g, albedo)
     tracer = plane_tracer(medium, 1.0, AXIS[None], AXIS[None], False)
     exact = adding_doubling(depth, albedo=albedo, g=g).transmitted

@@ -61,11 +61,9 @@ def within(case: str, source: str, right: Any, ours: Any, allowed: float, *, rel
 def measured(
     case: str, source: str, right: Any, ours: Any, standard_error: Any, *, slack: Any = 0.0, batches: int = BATCHES
 ) -> Row:
-    """A Monte Carlo comparison: every |ours - right| - slack is below Student's bound at FALSE_ALARM.
-
-    A row whose right answers all lie within what it allows could not fail, if ours were 0: such a row does not pass.
-    Of the others the worst one that stands above its noise is shown, with the largest z of all.
-    """
+    """A Monte Carlo comparison: every |ours - right| - slack is below Student's bound at FALSE_ALARM. A row whose right
+    answers all lie within what it allows could not fail, if ours were 0: such a row does not pass. Of the others the
+    worst one that stands above its noise is shown, with the largest z of all."""
     right_, ours_, error, loose = np.broadcast_arrays(*map(np.asarray, (right, ours, standard_error, slack)))
     bound = float(student.isf(FALSE_ALARM / (2 * ours_.size), batches - 1))
     excess = np.maximum(np.abs(ours_ - right_) - loose, 0.0)

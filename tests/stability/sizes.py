@@ -45,10 +45,8 @@ def _leaving(made: sg.Scene, paths: int, seed: int) -> np.ndarray:
 
 
 def sideways(optical_depth: float, right: float, paths: int) -> Row:
-    """Share of the light that leaves a wide box through its sides, times W/ℓ*, the beam as wide as the box.
-
-    5 % are allowed, as the table says, and three standard errors of ours: 2e-3 is the chance that a right one fails.
-    """
+    """Share of the light that leaves a wide box through its sides, times W/ℓ*, the beam as wide as the box. 5 % are
+    allowed, as the table says, and three standard errors of ours: 2e-3 is the chance that a right one fails."""
     width = 200.0  # mean free paths
     box = sg.Box(lower=[-width / 2, -width / 2, 0], upper=[width / 2, width / 2, optical_depth], mean_free_path=1.0,
                  scatterer=sg.Isotropic())  # fmt: skip

@@ -104,11 +104,9 @@ def falls_to_one_over_e(depth):
 
 
 def test_light_sent_back():
-    """g1 .870 .606 .200 of multiple scattering, and 25 times sooner than single scattering at a right angle.
-
-    Rosenbluh, Hoshen, Freund, Phys. Rev. Lett. 58, 2754 (1987) measured 25. Printed figures are of an optical depth of
-    60; that is no half space yet, where it is 29 times: paths deeper than that are few, but the first to decay.
-    """
+    """g1 .870 .606 .200 of multiple scattering, and 25 times sooner than single scattering at a right angle. Rosenbluh,
+    Hoshen, Freund, Phys. Rev. Lett. 58, 2754 (1987) measured 25. Printed figures are of an optical depth of 60; that is
+    no half space yet, where it is 29 times: paths deeper than that are few, but the first to decay."""
     x = np.array([0.001, 0.01, 0.1])
     assert_z([multiple(each) / multiple(0.0) for each in x], [0.870, 0.606, 0.200], 0.0015)
     assert 0.25 / falls_to_one_over_e(60.0) == pytest.approx(25.1, abs=0.1)  # e^(-4x) = 1/e at x = .25

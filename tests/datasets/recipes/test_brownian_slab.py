@@ -67,10 +67,8 @@ def test_frames_forget_as_the_engine_says(case):
 
 
 def test_beams_apart_forget_sooner():
-    """Fields of all beams in all frames against K(q, x) of other paths, within the modes' tolerance; no product.
-
-    The modes leave out at most 1e-4 of the intensity, so at most .02 of a correlation of one; .003 in the mean of some.
-    """
+    """Fields of all beams in all frames against K(q, x) of other paths, within the modes' tolerance; no product. The
+    modes leave out at most 1e-4 of the intensity, so at most .02 of a correlation of one; .003 in the mean of some."""
     depth, g = 10.0, 0.0
     recipe = recipe_of(depth, g, frames=3, interval=0.005, paths=200_000).replace(mode_tolerance=1e-4)
     recipe = recipe.replace(field=recipe.field.replace(extent_over_range=3.0))

@@ -50,10 +50,8 @@ LAYERS = {"wavelength": 0.5, "kernel_paths": 100_000, "layers": [
 
 @pytest.mark.parametrize("material", [None, LAYERS], ids=["slab", "layers"])
 def test_contrast_is_what_the_engine_says(material):
-    """K^2 of stacks by z-test against exposures of temporal_correlation by other paths; what rests is in all alike.
-
-    The stacks' exposures are made of instants: K^2 may be 2 % above.
-    """
+    """K^2 of stacks by z-test against exposures of temporal_correlation by other paths; what rests is in all alike. The
+    stacks' exposures are made of instants: K^2 may be 2 % above."""
     recipe = recipe_of(material, tau0=0.01 if material is None else 2e-4)
     batch = recipe.batch(0, "train", range(60))
     told, films = batch["parameters"], batch["stack"].astype(np.float64) - 1

@@ -60,11 +60,9 @@ def equal(one, two, pick=slice(None)):
 
 
 def assert_agree(found, expected, parameters=1e-11):
-    """Images within 2e-6 (relative l2), parameters within 1e-11; counts within 1, in less than 1e-3 of pixels.
-
-    A median error of 5e-7 is that of single precision. Parameters are to differ by rounding alone, some 1e-15 times
-    the condition of the half range and what follows from it.
-    """
+    """Images within 2e-6 (relative l2), parameters within 1e-11; counts within 1, in less than 1e-3 of pixels. A median
+    error of 5e-7 is that of single precision. Parameters are to differ by rounding alone, some 1e-15 times the
+    condition of the half range and what follows from it."""
     assert set(found) == set(expected)
     assert set(found["parameters"]) == set(expected["parameters"])
     for parameter, value in expected["parameters"].items():
@@ -136,10 +134,8 @@ def test_companions_do_not_matter_to_devices(name, monkeypatch):
 
 
 def test_a_device_meets_no_new_shape_in_a_further_batch(monkeypatch):
-    """On CUDA every new one is compiled anew: as many samples of a rank as a batch happens to have would never end.
-
-    All operators of unknown-slab, whose ranks and counts of them differ from batch to batch; of ranks that were met.
-    """
+    """On CUDA every new one is compiled anew: as many samples of a rank as a batch happens to have would never end. All
+    operators of unknown-slab, whose ranks and counts of them differ from batch to batch; of ranks that were met."""
     met = {}
 
     def watched(name, form):

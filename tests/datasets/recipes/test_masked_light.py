@@ -86,10 +86,8 @@ def autocovariance(images):
 
 def test_speckle_has_the_fringes_of_the_slits():
     """Covariance |int |u|^2 e^{-ik dv x} dx / int |u|^2|^2 of a Gaussian field, u the light that the beams carry.
-
     Behind a slab of so wide a range every mode carries all of it, nearly: 2 % of slack for what it does not. Slits
-    further apart have other fringes, and fail.
-    """
+    further apart have other fringes, and fail."""
     made = recipe(**DOUBLE)
     images = np.array([made.sample(0, "train", n)["image"] for n in range(96)], float)
     found = autocovariance(images)[:, 4, 1:]

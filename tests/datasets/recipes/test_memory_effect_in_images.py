@@ -32,9 +32,7 @@ def recipe_of(material, tolerance) -> HiddenObject:
 
 def correlations(recipe):
     """Correlation of the speckle of two points over that of the kernel, less 1: its mean and standard error over media.
-
-    With x and y the fluctuations of unit speckle, <x y> - C (<x x> + <y y>) / 2 is 0 in the mean, and varies little.
-    """
+    With x and y the fluctuations of unit speckle, <x y> - C (<x x> + <y y>) / 2 is 0 in the mean, and varies little."""
     known = recipe.material_of(0, "test", 0)
     pitch = recipe.field.pitch
     ideal = float(known.correlation(2 * np.pi / recipe.wavelength * APART * pitch)) ** 2

@@ -157,10 +157,8 @@ def test_weighted_views_give_a_pixels_contrast(profile):
 
 def test_many_media_have_the_contrast_and_the_mean_of_the_stationary_sampler():
     """Both samplers on a window where both serve; z of the mean below 4 (false alarms 6e-5), contrast within 10 %.
-
     Images are in units of the kernel's mean, which 2000 paths leave off by some 10 %: the stationary sampler's own mean
-    is 1, that of path sums what a hundred times the paths say of that kernel.
-    """
+    is 1, that of path sums what a hundred times the paths say of that kernel."""
     options = changed(SMALL, {"media": "new", "samples": {"train": 60}})
     images = {
         sampler: np.stack([load_recipe("through-slab", {**options, "sampler": sampler}).sample(0, "train", n)["image"]
@@ -187,10 +185,8 @@ AREA = {"camera": {"shape": [64, 64], "pixels_per_grain": 2.0}, "window": {"widt
 
 @pytest.mark.parametrize("more", [{}, AREA], ids=["points", "pixels with area"])
 def test_path_sums_of_a_narrow_window_have_the_contrast_that_is_told(more):
-    """A grain and a quarter in a range: the window lies before the medium, and C_I does not enter at one view.
-
-    By Student's t over 90 media, false alarms 1e-6; the law of a window behind the medium is told apart.
-    """
+    """A grain and a quarter in a range: the window lies before the medium, and C_I does not enter at one view. By
+    Student's t over 90 media, false alarms 1e-6; the law of a window behind the medium is told apart."""
     changes = {
         "media": "new", "material": {"kernel_paths": 20_000}, "window": {"width": 2000.0},
         "camera": {"shape": [64, 64]}, "objects": {"shape": [8, 8]},

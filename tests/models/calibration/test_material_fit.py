@@ -32,11 +32,9 @@ def fit(depth=10.0, g=0.9, free=FREE, sphere=True, seed=0):
 
 
 def test_errors_of_the_tables_count():
-    """The mean rise of chi squared at the truth, to first order, should be 3: as many as are free.
-
-    Of curves by paths it is more where the tables' own errors are left out. No noise is drawn, and coverage, which is
-    too small, is not judged here: docs/measured.md.
-    """
+    """The mean rise of chi squared at the truth, to first order, should be 3: as many as are free. Of curves by paths
+    it is more where the tables' own errors are left out. No noise is drawn, and coverage, which is too small, is not
+    judged here: docs/measured.md."""
     expected = {True: [], False: []}
     for numbers in MATERIALS.values():
         made = bench_of(slab_of(*numbers), 300_000)
@@ -93,11 +91,9 @@ def test_intervals_end_at_drawn_rises_where_those_are_larger():
 
 @pytest.mark.slow
 def test_drawn_sets_are_fitted_as_well_as_from_places_at_random():
-    """In a bent valley one set in six has a lower minimum than that which a search from the fit finds.
-
-    Searches from four places about the fit, drawn with twice its errors, must not make the mean rise of g, held at the
-    truth, larger by .03; a search from the fit alone leaves it more than .1 too small.
-    """
+    """In a bent valley one set in six has a lower minimum than that which a search from the fit finds. Searches from
+    four places about the fit, drawn with twice its errors, must not make the mean rise of g, held at the truth, larger
+    by .03; a search from the fit alone leaves it more than .1 too small."""
     made = exact_bench(slab_of(5.0, 0.9))
     data = [MemoryCurve(made.tilts, made.c_i, 0.01), Transmittance(made.transmittance, 0.02 * made.transmittance)]
     one = fitted(made, data)

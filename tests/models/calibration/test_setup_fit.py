@@ -15,11 +15,9 @@ SURE = norm.isf(FALSE_ALARM / 2)
 
 
 def speckle(seed, count, side, grain, profile="disc", pixel=1, polarisations=(1.0,), noise=0.0, stretch=1.0, moved=0):
-    """Frames [count, side, side] of waves through an iris, summed by a transform of its own, over twice the frame.
-
-    The light of a point, or of two that lie ``moved`` pixels apart. The iris is an odd number of samples wide, and the
-    grain what is nearest to the one asked for.
-    """
+    """Frames [count, side, side] of waves through an iris, summed by a transform of its own, over twice the frame. The
+    light of a point, or of two that lie ``moved`` pixels apart. The iris is an odd number of samples wide, and the
+    grain what is nearest to the one asked for."""
     rng = np.random.default_rng(seed)
     points = 2 * side * pixel
     width = 2 * int(points / (grain * pixel) / 2) + 1

@@ -119,9 +119,8 @@ def test_another_target_is_doubted():
 
 def limited(before, reach=4.0, grain=2.8, side=144, ways=12):
     """Photographs through a disc before or behind a medium whose ways aside are Gaussian: C_I is one half at ``reach``.
-
-    A point sends b(x) e^(i p . x) to the places x, from where it goes to x + r; or to all, and b(x + r) is let through.
-    """
+    A point sends b(x) e^(i p . x) to the places x, from where it goes to x + r; or to all, and b(x + r) is let
+    through."""
     rng, count = np.random.default_rng(1), 2 * side
     x = np.arange(count) - side
     target = np.kron(LETTER[::3, ::3], np.ones((2, 2)))

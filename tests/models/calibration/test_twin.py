@@ -133,10 +133,8 @@ def test_other_setups_are_told_and_named(change, name, cause):
 
 
 def test_a_fit_does_not_flatter():
-    """Photographs lie nearer to what was fitted to them than chance; numbers less each image's share do not.
-
-    The setup is moved by less than its error on purpose: the shares take it back, as if it had not been moved.
-    """
+    """Photographs lie nearer to what was fitted to them than chance; numbers less each image's share do not. The setup
+    is moved by less than its error on purpose: the shares take it back, as if it had not been moved."""
     light = SETUP.draw((64, 64), 12, 21)
     moved = SETUP._replace(grain=SETUP.grain * 1.02, lit=0.95)
     slopes = _slopes_of(moved, (64, 64), 0, 5)

@@ -81,10 +81,8 @@ def katz():
 
 
 def test_phase_retrieval_finds_the_object(katz):
-    """Above 0.8, which the pages count as success, where it must work; the image of another object is far below.
-
-    Means over four seeds were 0.91 to 0.97, another object's 0.41 to 0.51, standard errors 0.01 to 0.04.
-    """
+    """Above 0.8, which the pages count as success, where it must work; the image of another object is far below. Means
+    over four seeds were 0.91 to 0.97, another object's 0.41 to 0.51, standard errors 0.01 to 0.04."""
     within = katz[0.25]
     assert within.interval("plain", "diffraction-limited").low > 0.8
     assert within.interval("another's", "diffraction-limited").high < 0.7

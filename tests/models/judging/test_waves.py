@@ -108,11 +108,9 @@ def test_what_the_images_are_divided_by_is_their_mean(script, alone):
 
 
 def test_neighbouring_pixels_have_the_memory_effect_that_the_mapping_tells(script, alone):
-    """Correlation of patterns moved back by 3, 7 and 10 pixels against C_I by random paths, within .02 as waves are.
-
-    An independent judge of the sampler that learns C_I from paths: they share no line. Neither pattern shows where the
-    light lies that was not scattered.
-    """
+    """Correlation of patterns moved back by 3, 7 and 10 pixels against C_I by random paths, within .02 as waves are. An
+    independent judge of the sampler that learns C_I from paths: they share no line. Neither pattern shows where the
+    light lies that was not scattered."""
     medium = script.slab(**SLAB)
     tilts = np.arcsin([3 / 256, 7 / 256, 10 / 256])
     curve = sg.memory_effect(medium, wavelength=1.0, tilts=tilts, paths=50_000, seed=1)
@@ -148,10 +146,8 @@ def test_even_light_takes_off_a_slope_and_leaves_even_light_as_it_is(name):
 
 
 def test_the_true_objects_of_waves_are_as_probable_as_they_should_be_on_even_light_alone():
-    """Why methods that know the law lose on these images: slopes of light, which no image of our samplers has.
-
-    The deviance of the true object, of 12 images, against its law: mean and spread of a sum of exponential variables.
-    """
+    """Why methods that know the law lose on these images: slopes of light, which no image of our samplers has. The
+    deviance of the true object, of 12 images, against its law: mean and spread of a sum of exponential variables."""
     one = task("waves")
     recipe = one.recipe()
     (some,) = one.batches(range(0, 48, 4))

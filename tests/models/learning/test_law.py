@@ -112,10 +112,8 @@ def setup(request):
 
 
 def score(powers, expected, other):
-    """Sums over frequencies of (I / S - 1) w, with w = S' / S - 1 less its mean: of mean 0 where I has the mean S.
-
-    To first order the derivative of the log-likelihood from S towards S', of any brightness; float64[n].
-    """
+    """Sums over frequencies of (I / S - 1) w, with w = S' / S - 1 less its mean: of mean 0 where I has the mean S. To
+    first order the derivative of the log-likelihood from S towards S', of any brightness; float64[n]."""
     weight = np.minimum(other / expected - 1, 1)  # far off, a few would outweigh the rest
     return ((powers / expected - 1) * (weight - weight.mean(1, keepdims=True))).sum(1)
 

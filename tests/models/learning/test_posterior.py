@@ -59,9 +59,7 @@ def test_a_picture_without_noise_is_left_as_it_is(net):
 @pytest.mark.parametrize(("level", "share"), [(0.3, 0.75), (0.5, 0.5), (0.7, 0.5)])
 def test_characters_that_it_never_saw_lose_their_noise_better_than_by_wiener(net, level, share):
     """The best linear filter knows these very pictures' mean and spectrum; the net has to leave half of its error.
-
-    Where nearly all is noise there is little to know, and three quarters are enough.
-    """
+    Where nearly all is noise there is little to know, and three quarters are enough."""
     pictures = 2 * letters(24) - 1
     noisy = level * pictures + (1 - level) * torch.randn(pictures.shape, generator=torch.Generator().manual_seed(1))
     found = (net(noisy, torch.full((24,), level)) - pictures).square().mean()
@@ -82,9 +80,7 @@ def test_pictures_are_more_probable_than_their_pixels_in_another_order(net):
 
 def test_draws_from_noise_explain_what_was_measured_and_nothing_else(net):
     """Without any first answer. Of seven objects all draws must explain their own measurement better than others do.
-
-    That happens by chance in one case of 2^7.
-    """
+    That happens by chance in one case of 2^7."""
     objects = letters(7)
     hints = measured_of(objects)
     draws = drawn(net, hints, torch.zeros(7, 1, FRAME, FRAME), torch.zeros(1), generator_of(1), steps=10)

@@ -247,9 +247,7 @@ def test_an_image_of_an_infinite_range_gives_an_open_interval():
 
 def test_intervals_cover():
     """Characters drawn from the law, one and four together, far within the range, and one and three ranges wide.
-
-    Wilson's 99 % limits, for each level and number of images.
-    """
+    Wilson's 99 % limits, for each level and number of images."""
     solver, holds = load_solver(), {}
     for number, extent in enumerate((1e-3, 1.0, 3.0)):
         _, seen, optics, _, _ = drawn(48, extent, seed=10 + number)

@@ -104,9 +104,7 @@ def test_several_objects_of_one_image_are_those_one_by_one():
 @pytest.mark.parametrize("looks", [1.0, 4.0])
 def test_variance_of_lags_is_their_spread(looks):
     """Of 600 measurements of even power at all frequencies: 144 independent lags, each over its share of pixel pairs.
-
-    The relative variance of a variance is 2 / 600; that of a lag's square adds 6 / 312 frequencies / looks at most.
-    """
+    The relative variance of a variance is 2 / 600; that of a lag's square adds 6 / 312 frequencies / looks at most."""
     count, size, shape = 600, 17, (25, 25)
     even = SpeckleLikelihood(flat(shape, count, looks=looks), (4, 4), Optics(1.0, 1.5))
     assert (even.frequencies == 312).all()  # all but f = 0, one of two opposite
@@ -163,10 +161,8 @@ def excess(likelihood, deviance):
 
 
 def test_the_true_object_has_eulers_constant():
-    """The whole chain, nothing fitted: median within .02 of .577, and the mean by a z-score.
-
-    The memory effect is drawn with modes (tolerance .002) and read from the atlas: .002 of deviance is left for it.
-    """
+    """The whole chain, nothing fitted: median within .02 of .577, and the mean by a z-score. The memory effect is drawn
+    with modes (tolerance .002) and read from the atlas: .002 of deviance is left for it."""
     likelihood, deviance = judged(*scenes())
     assert abs(np.median(deviance) - np.euler_gamma) < 0.02
     found, error = excess(likelihood, deviance)
@@ -175,10 +171,8 @@ def test_the_true_object_has_eulers_constant():
 
 @pytest.mark.parametrize("wrong", ["noise", "memory effect", "object", "step"])
 def test_a_wrong_model_is_found_out(wrong):
-    """Half the noise, a memory effect of another shape, a mirrored object, objects 2 % wider: far less probable.
-
-    A wrong model is more probable than the true one by a factor of e^14 with a chance of e^-14 at most (Markov).
-    """
+    """Half the noise, a memory effect of another shape, a mirrored object, objects 2 % wider: far less probable. A
+    wrong model is more probable than the true one by a factor of e^14 with a chance of e^-14 at most (Markov)."""
     images, brightness, c_i, optics = scenes()
     likelihood, deviance = judged(images, brightness, c_i, optics)
     noise = 1 / PHOTONS

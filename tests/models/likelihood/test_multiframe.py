@@ -69,10 +69,8 @@ def media():
 
 
 def test_objects_are_found_without_a_prior_and_the_right_way_up(media):
-    """Correlations beside those with the objects of the next medium, which are chance: two starts, not eight.
-
-    The mean gain of a medium is above .4 by 4 standard errors. Upright are all: by chance in 2^-15.
-    """
+    """Correlations beside those with the objects of the next medium, which are chance: two starts, not eight. The mean
+    gain of a medium is above .4 by 4 standard errors. Upright are all: by chance in 2^-15."""
     scores, upright = zip(*(judged(found, light) for light, _, found in media), strict=True)
     chance = [judged(found, media[(n + 1) % MEDIA][0])[0] for n, (*_, found) in enumerate(media)]
     gain = (np.array(scores) - np.array(chance)).mean(1)

@@ -52,13 +52,11 @@ def excesses(recipe, frames):
 
 
 def test_images_that_no_object_explains():
-    """Divided by a mean over two pixels: no object that shines is darkest at the lowest frequencies.
-
-    Four objects, each in four frames, are compared with themselves undivided. The search for the most probable image
-    ends elsewhere for every rounding: four spreads of the deviance of four frames away, one of that of single images.
-    So the mean is judged. Measured on six: 31 +- 4 (33 +- 2 with torch without AVX) spreads more than undivided;
-    0 +- 1 above the expectation for single images as they are. Five are allowed: five standard errors off, either way.
-    """
+    """Divided by a mean over two pixels: no object that shines is darkest at the lowest frequencies. Four objects, each
+    in four frames, are compared with themselves undivided. The search for the most probable image ends elsewhere for
+    every rounding: four spreads of the deviance of four frames away, one of that of single images. So the mean is
+    judged. Measured on six: 31 +- 4 (33 +- 2 with torch without AVX) spreads more than undivided; 0 +- 1 above the
+    expectation for single images as they are. Five are allowed: five standard errors off, either way."""
     recipe = load_recipe("one-angular-size", SLAB)
     media = [recipe.prepare(0, "test", n) for n in range(4)]
     frames = torch.from_numpy(np.stack([
@@ -75,11 +73,9 @@ def test_images_that_no_object_explains():
 
 
 def test_an_image_that_is_turned_shows_the_object_turned():
-    """Lags are those of before, and so is what the solver makes of them: the third order alone can tell.
-
-    Characters within a third of the range, 85 grains a side; the true turn is that of the better correlation, and none
-    that is told may be wrong.
-    """
+    """Lags are those of before, and so is what the solver makes of them: the third order alone can tell. Characters
+    within a third of the range, 85 grains a side; the true turn is that of the better correlation, and none that is
+    told may be wrong."""
     within = {"field": {"pitch": None, "extent_over_range": 0.3}, "camera": {"shape": [256, 256]}}
     recipe = load_recipe("one-angular-size", SLAB | within)
     batch = recipe.batch(4, "test", range(4))

@@ -163,8 +163,7 @@ def test_more_points_are_more_complex():
 
 def test_pixels_shine_from_between_the_points_of_the_grid():
     """Complexity by the pairs of pixels, whose images overlap by Q(x_i - x_j), wherever they are: Q is the transform of
-    the squared transfer function, (1 - |f|)^2 along each axis, at the frequencies of the window of lags.
-    """
+    the squared transfer function, (1 - |f|)^2 along each axis, at the frequencies of the window of lags."""
     pitch, rng = 0.23, np.random.default_rng(3)
     brightness = np.zeros((1, 16, 16))
     places = np.stack(np.unravel_index(rng.choice(256, 9, replace=False), (16, 16)))
@@ -291,8 +290,7 @@ def test_probability_is_the_mean_over_scenes(z):
 
 def test_the_stated_interval_holds_scenes_that_were_not_fitted():
     """At most a tenth of the counts lie below the 5th or above the 95th percentile of their law; and the scatter is
-    what makes them likely: half of it, or four times, makes them less so, by a factor of e^5 at least.
-    """
+    what makes them likely: half of it, or four times, makes them less so, by a factor of e^5 at least."""
     table, own = fit.read(FRESH, FRESH_LARGE), np.array(list(COEFFICIENTS.values()))
     nodes, weights = np.polynomial.hermite_e.hermegauss(31)
     good, media = table.successes[:, None], table.media[:, None]

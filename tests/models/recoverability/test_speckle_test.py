@@ -124,9 +124,7 @@ def test_no_certificate_for_what_is_no_speckle(judged):
 
 
 def test_scores_order_them(judged):
-    """Area under the curve: 0.998 over 770 images; here one of eleven may lie below all speckle (0.91).
-
-    One blurred picture scores 3, within speckle's 0.6 to 5.5, and elsewhere less: last digits decide where.
-    """
+    """Area under the curve: 0.998 over 770 images; here one of eleven may lie below all speckle (0.91). One blurred
+    picture scores 3, within speckle's 0.6 to 5.5, and elsewhere less: last digits decide where."""
     true, none = ([one.speckle.score for one in part] for part in judged)
     assert np.mean(np.array(none)[:, None] > np.array(true)) > 0.9

@@ -80,10 +80,8 @@ def round_speckle(count, grain, side=96, seed=0):
 @pytest.mark.parametrize(("grain", "more"), [(1.7, 1.15), (2.0, 1.05), (2.3, 1.05), (3.0, 1.05)])
 def test_noise_behind_a_disc_is_found_in_the_corners(grain, more):
     """Variance 1 / photons; a square of those grains would fill all frequencies, or nearly so, and leave none to read.
-
-    False alarms as of every z-score of these tests. More noise by 5 % would be found out; of 1.7 pixels a grain,
-    whose corners are small, by 15 %.
-    """
+    False alarms as of every z-score of these tests. More noise by 5 % would be found out; of 1.7 pixels a grain, whose
+    corners are small, by 15 %."""
     photons, light = 20.0, round_speckle(150, grain)
     images = torch.from_numpy(np.random.default_rng(8).poisson(photons * light) / photons)
     scale = photons * images.mean((1, 2)).numpy()

@@ -124,10 +124,8 @@ def test_moving_the_medium_turns_every_entry_by_its_phase(reverse):
 
 
 def test_reciprocity():
-    """Source and sensor swapped, i -> -v and v -> -i, connection by connection, each with its reversal.
-
-    The irradiance is 1 per area of the face, so that |u|^2 carries 1 / i_z and the symmetric quantity is i_z |u|^2.
-    """
+    """Source and sensor swapped, i -> -v and v -> -i, connection by connection, each with its reversal. The irradiance
+    is 1 per area of the face, so that |u|^2 carries 1 / i_z and the symmetric quantity is i_z |u|^2."""
     medium, wavelength = slab(), 0.7
     light = directions_of_sines("light", [[0.3, 0.1]])
     view = directions_of_sines("view", [[-0.2, 0.4]], -1.0)
