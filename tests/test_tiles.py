@@ -124,11 +124,6 @@ def test_an_interrupted_stack_has_no_name_and_is_made_anew(tmp_path, monkeypatch
     assert [file.name for file in tmp_path.iterdir()] == ["stack.zarr"]
 
 
-def test_no_tilts_are_no_pieces():
-    for name in ("paths", "stationary"):
-        assert gathered(scene(tilts=0), sampler=name, paths=100)[1] == 0
-
-
 @pytest.mark.usefixtures("small_pieces")
 def test_pieces_are_summed_with_one_thread_of_linear_algebra(monkeypatch):
     """As a render is: more would change last bits. Between pieces the caller has them all again."""

@@ -87,15 +87,6 @@ def test_plan_says_what_it_does_and_costs():
     assert "- faces: left out: idealised: matched" in why
 
 
-def test_plan_of_ranges_is_that_of_the_largest_error():
-    said = succeed("plan", "through-slab", "--samples", "1", "--set", "material.g.uniform=[0.5, 0.9]")
-    lines = said.strip().splitlines()
-    low, high = lines[0].split("errors ")[1].split(";")[0].split(" to ")
-    assert lines[0].startswith("2 corners of its ranges: stationary")
-    assert float(low) <= float(high)
-    assert f"expected error {high};" in lines[2]
-
-
 def test_render_writes_stack_picture_and_scene(tmp_path):
     succeed("render", "--views", "32", "--paths", "3000", "--tilts", "3", "--out", tmp_path / "a")
     field = np.load(tmp_path / "a/stack.npz")["field"]
@@ -209,17 +200,6 @@ def test_errors_speak_of_the_tables_of_a_file(table, says, tmp_path, capsys):
         commands.main(["plan", str(file)])
     assert end.value.code == 2
     assert says in capsys.readouterr().err
-
-
-def test_errors_of_a_scene_name_no_class(tmp_path, capsys):
-    layer = "{thickness = 200.0, mean_free_path = 100.0, scatterer = {type = 'VonMisesFisher', kappa = 20.0}}"
-    file = tmp_path / "scene.toml"
-    file.write_text(f"wavelength = 0.5\n[medium]\ntype = 'Layers'\nlayers = [{layer}]\n")
-    with pytest.raises(SystemExit):
-        commands.main(["render", "--scene", str(file)])
-    said = capsys.readouterr().err
-    assert "medium.layers.0.scatterer.concentration must be given" in said
-    assert "medium.Layers" not in said
 
 
 def test_a_recipe_of_no_kind_is_told_what_to_inherit(tmp_path, capsys):

@@ -1,6 +1,5 @@
 """The command fit-setup: what it prints and writes, and what it refuses."""
 
-import json
 
 import numpy as np
 import pytest
@@ -30,16 +29,6 @@ def test_it_prints_and_draws(photograph, tmp_path):
     assert "iris: disc" in done.output
     assert "grain: " in done.output
     assert (tmp_path / "a.png").stat().st_size > 1000
-
-
-def test_json_has_intervals(photograph):
-    done = CliRunner().invoke(
-        app, ["fit-setup", str(photograph), "--dark", "20", "--points", "--profile", "disc", "--json"]
-    )
-    found = json.loads(done.output)
-    low, high = found["intervals"]["0.95"]["grain"]
-    assert low < found["grain"] < high
-    assert found["behind"] == {"disc": 0.0}
 
 
 def test_what_is_refused(photograph):

@@ -7,11 +7,10 @@ import pytest
 import tifffile
 import torch
 from PIL import Image
-from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 from specklegen.cli import commands
-from specklegen.cli.reconstruct import _between, _doubted_grains, _named
+from specklegen.cli.reconstruct import _doubted_grains, _named
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.measured import read_measurement
@@ -72,13 +71,6 @@ def test_frames_in_three_formats(setup, tmp_path):
     assert np.load(tmp_path / "out" / "one.npy").shape == (36, 36)
 
 
-def test_frames_of_one_object_are_one(setup, tmp_path):
-    images = [setup / "one.tiff", setup / "one.tiff"]
-    result = run("reconstruct", *images, "--frames", "--setup", setup / "setup.toml", "--out", tmp_path, "--json")
-    assert result.exit_code == 0, result.output
-    assert len(json.loads(result.output)["images"]) == 1
-
-
 def test_draws_are_written_with_their_weights(setup, tmp_path):
     words = ("--setup", setup / "setup.toml", "--out", tmp_path, "--draws", 2)
     result = run("reconstruct", setup / "two.png", *words)
@@ -120,13 +112,6 @@ def test_pages_of_other_patterns_need_the_option(setup, tmp_path):
     result = run(*words, "--frames", "--json")
     assert result.exit_code == 0, result.output
     assert len(json.loads(result.output)["images"]) == 1
-
-
-def test_colours_become_grey_as_before(setup, tmp_path):
-    grey = (np.asarray(Image.open(setup / "two.png")) // 16).clip(0, 255).astype(np.uint8)
-    Image.fromarray(np.stack([grey] * 3, axis=-1)).save(setup / "colours.png")
-    result = run("reconstruct", setup / "colours.png", "--setup", setup / "setup.toml", "--out", tmp_path)
-    assert result.exit_code == 0, result.output
 
 
 @pytest.mark.parametrize(("words", "message"), [
@@ -171,26 +156,6 @@ def test_a_laboratory_s_files_are_read_whole(setup, tmp_path, monkeypatch):
     assert "--background must be 0 with --dark" in str(result.exception)
     for wrong in ("--region=all", "--keep=a"):
         assert isinstance(run(*words, wrong).exception, RuleError), wrong
-
-
-def test_no_probability_of_what_is_no_speckle(setup, tmp_path):
-    """White noise blurred by four pixels."""
-    noise = gaussian_filter(np.random.default_rng(0).standard_normal((128, 128)), 4)
-    np.save(setup / "noise.npy", (50 + 100 * np.clip(1 + 0.4 * noise / noise.std(), 0, None)).astype(np.float32))
-    result = run("reconstruct", setup / "noise.npy", "--setup", setup / "setup.toml", "--out", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    assert "no certificate" in result.output
-    assert "this is no speckle of this setup" in result.output
-    (image,) = json.loads((tmp_path / "out" / "report.json").read_text())["images"]
-    assert image["probability"] is None
-    assert len(image["speckle"]["evidence"]) == 4
-
-
-@pytest.mark.parametrize(("low", "high", "said"), [
-    (0.5, 2.0, "0.05 to 0.2"), (0.5, np.inf, "above 0.05"), (0.0, 2.0, "below 0.2"), (0.0, np.inf, "any"),
-])  # fmt: skip
-def test_an_interval_without_an_end_is_said_to_be_open(low, high, said):
-    assert _between(0.1, low, high) == said
 
 
 def test_nothing_written_has_the_name_of_another():

@@ -1,10 +1,7 @@
 """The command that trains: what it says first, and the table at its end."""
 
 import json
-import subprocess
-import sys
 
-from scenes import ROOT
 from small_runs import TINY
 from typer.testing import CliRunner
 
@@ -60,12 +57,3 @@ def test_it_trains_on_samples_drawn_by_the_law(tmp_path):
     assert "| network |" in (tmp_path / "run" / "summary.md").read_text()
     refused = CliRunner().invoke(commands.app, common)
     assert "train --input must be periodogram with --law" in str(refused.exception)
-
-
-def test_help_imports_no_torch():
-    """The options of training are those of its settings class, which is read without torch."""
-    words = ["-X", "importtime", "-m", "specklegen", "train", "--help"]
-    done = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True)
-    assert "Epochs without a better validation" in done.stdout
-    assert "specklegen.core.values" in done.stderr
-    assert "torch.nn" not in done.stderr

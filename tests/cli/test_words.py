@@ -75,13 +75,6 @@ def test_numbers_as_json(tmp_path, store):
     assert answer("compare", "through-slab", "--seconds", 0.01)["runs"]
 
 
-def test_info_says_how_arrays_are_stored(store):
-    described = json.loads(run("info", store).output)
-    assert described["arrays"]["image"]["dtype"] == "float32"
-    assert "uint16" not in json.dumps({key: value for key, value in described.items() if key != "recipe"})
-    assert {"numpy", "torch", "numba"} <= described["libraries"].keys()
-
-
 def test_verify_tells_a_store_that_is_not_whole(store, tmp_path):
     assert "4 shards: 4 sound" in run("verify", store).output
     begun = tmp_path / "begun.zarr"
@@ -121,14 +114,6 @@ def test_what_stops_a_command_is_a_line(words, says, tmp_path, monkeypatch, caps
     assert status == 2
     assert says in message
     assert "Traceback" not in message
-
-
-def test_what_is_not_in_a_store_is_not_exported(store, tmp_path, capsys):
-    status, message = said_by_main(capsys, "export", store, "--out", tmp_path, "--samples", 7)
-    assert (status, "--samples must be at most 4, which the store has; got 7." in message) == (2, True)
-    (tmp_path / "in the way").write_text("")
-    status, message = said_by_main(capsys, "export", store, "--out", tmp_path / "in the way")
-    assert (status, "in the way" in message) == (2, True)
 
 
 @pytest.mark.parametrize("name", ["zarr.json", "image/zarr.json", "parameters/zarr.json"])

@@ -91,28 +91,6 @@ def test_fewer_rays_than_entries_warn_and_stay_finite():
         assert np.abs(mu).max() <= 1
 
 
-def test_every_ray_is_traced():
-    """One ray for two elements goes to the first of them; the error of a single ray is unknown."""
-    with pytest.warns(UserWarning, match="1 rays for 2 pairs"):
-        one = focus(n_source=2, n_pixels=1).monte_carlo(1, "uniform", seed=0)
-    assert one.value[0, 0] != 0
-    assert one.value[0, 1] == 0
-    assert np.isinf(one.standard_error).all()
-
-
-def test_even_number_of_pixels_is_normalised_on_the_axis():
-    system = focus(n_pixels=200)
-    axis = system.on_axis()
-    assert axis.detector.x.tolist() == [0.0]
-    assert axis.detector.pixel_width == pytest.approx(system.detector.pixel_width)
-    G = np.vstack([axis.physical_optics(measurement=True), system.physical_optics(measurement=True)])
-    S, mu = profile(propagate_csd(G, source(system, 0.6)), centre=0)
-    odd, mu_odd = profile(propagate_csd(focus().physical_optics(measurement=True), source(system, 0.6)))
-    x, x_odd = system.detector.x, focus().detector.x
-    np.testing.assert_allclose(S[1:], np.interp(x, x_odd, odd), atol=3e-4)  # curvature times pixel^2 / 8
-    assert S[1:].max() < 1
-
-
 def test_angles_near_a_right_angle_are_sampled_uniformly():
     from specklegen.kernels.rays import landing
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from focus_of_rays import (
     FALSE_ALARM,
-    SIGMAS,
     axial_focus,
     calibration,
     focus,
@@ -154,20 +153,6 @@ def test_residual_of_uniform_rays():
     assert 15 < math.sqrt(np.mean(squared)) < 28
 
 
-@pytest.mark.slow
-def test_a_hundred_million_uniform_rays():
-    """The law still holds, and S and mu come as near to physical optics as docs/coherence.md says."""
-    system, n = focus(), 10_251 * 10**4
-    mean, _ = quadrature(system, "uniform")
-    G = system.monte_carlo(n, "uniform", seed=0, calibrated=False).value
-    assert np.linalg.norm(G - mean) / np.linalg.norm(mean) * math.sqrt(n) == pytest.approx(101, abs=3)
-    for sigma in SIGMAS:
-        S, mu = profile(propagate_csd(G, source(system, sigma)))
-        exact, mu_exact = profile(measured_csd(system, sigma))
-        assert np.abs(S - exact).max() < 0.012
-        assert np.abs(mu - mu_exact).max() < 0.06
-
-
 # Purity
 
 
@@ -179,8 +164,3 @@ def test_same_seed_same_bits_for_any_number_of_threads(sampling):
     np.testing.assert_array_equal(one.value, two.value)
     np.testing.assert_array_equal(one.standard_error, two.standard_error)
     assert not np.array_equal(one.value, system.monte_carlo(1000, sampling, seed=4).value)
-
-
-def test_focus_survives_json():
-    for system in (focus(), axial_focus(z=(0.0, 1.0))):
-        assert CylindricalFocus.from_json(system.canonical_json()) == system

@@ -14,7 +14,7 @@ from specklegen.coherence.partially_coherent import (
     source_lattice,
 )
 from specklegen.core.statistics import jackknife
-from specklegen.datasets import load_recipe, recipe_names
+from specklegen.datasets import load_recipe
 from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.samplers.sampler import Sampler
 
@@ -91,11 +91,6 @@ def test_effective_modes_are_those_of_the_line_source_squared(ratio):
     source = gaussian_schell_object(WAVELENGTH, ratio * 800.0, 800.0)
     found = effective_source_modes(source.brightness, source.pitch, WAVELENGTH, 800.0)
     assert found == pytest.approx(expected, rel=1e-3)
-
-
-def test_coherent_light_is_one_mode():
-    source = gaussian_schell_object(WAVELENGTH, np.inf, 800.0)
-    assert effective_source_modes(source.brightness, source.pitch, WAVELENGTH, 800.0) == pytest.approx(1, abs=1e-4)
 
 
 @pytest.mark.parametrize("length", [np.nan, 0.0, -1.0, 0.4, 0.9])
@@ -240,27 +235,6 @@ def test_other_light_is_refused():
 # The recipe
 
 SMALL = {"camera": {"shape": [48, 48]}, "material": {"kernel_paths": 4000}}
-
-
-def test_the_preset_is_packaged_and_served_by_the_stationary_sampler():
-    assert "partially-coherent-slab" in recipe_names()
-    assert all(plan.sampler == "stationary" for plan in load_recipe("partially-coherent-slab").plans())
-
-
-def test_samples_are_pure_and_batches_are_the_same():
-    recipe = load_recipe("partially-coherent-slab", SMALL)
-    again = load_recipe("partially-coherent-slab", SMALL)
-    batch = recipe.batch(3, "train", [5, 2])
-    pair = [again.sample(3, "train", index) for index in (5, 2)]
-    for n, alone in enumerate(pair):
-        assert set(alone) == {"image", "index", "parameters"}
-        assert np.array_equal(batch["image"][n], alone["image"])
-        assert {name: column[n] for name, column in batch["parameters"].items()} == alone["parameters"]
-    alone = pair[1]
-    assert alone["image"].dtype == np.float32
-    assert alone["image"].shape == recipe.layout()["image"].shape == (48, 48)
-    others = [recipe.sample(*address)["image"] for address in ((4, "train", 2), (3, "test", 2), (3, "train", 3))]
-    assert not any(np.array_equal(alone["image"], other) for other in others)
 
 
 def test_one_medium_under_many_coherence_lengths():

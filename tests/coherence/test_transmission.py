@@ -50,12 +50,6 @@ def test_columns_are_the_rendered_fields():
     assert np.array_equal(transmission_matrix(lit, paths=300, seed=3, threads=2).value, T.value)
 
 
-def test_modes_superpose_beams():
-    amplitudes = np.array([[1, 0.5j], [0, 2], [-1j, 1]])
-    T = transmission_matrix(scene(TILTS), paths=300, threads=1).value
-    assert np.array_equal(transmission_matrix(scene(TILTS), amplitudes, paths=300, threads=1).value, T @ amplitudes)
-
-
 def test_a_superposition_is_a_linear_response():
     """Twice the same beam with amplitudes 1 and -1 is darkness; the columns of equal beams are equal."""
     twice = scene(beams([[1e-4, 0], [1e-4, 0]]))
@@ -259,11 +253,3 @@ def test_a_slab_of_one_mode_is_coherent_light():
     assert len(eigenvalues) == 1
     W0 = gaussian_schell_model(np.linspace(0, 1, 20), np.inf)
     assert len(coherent_modes(W0, energy=0.999)[0]) == 1
-
-
-def test_it_is_found_among_the_greens_functions():
-    from specklegen import coherence
-
-    assert coherence.transmission_matrix is sg.transmission_matrix
-    with pytest.raises(AttributeError, match="no_such_name"):
-        coherence.no_such_name  # noqa: B018

@@ -141,10 +141,3 @@ def test_other_endings_and_endless_tables_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(labelled, "MOST_ROWS", 1)
     assert_refused(lambda: curve.to_csv(tmp_path / "a.csv"), r"^TemporalCorrelation\.to_csv must be")
     assert not [*tmp_path.iterdir()]
-
-
-def test_json_is_strict_where_a_number_is_not_finite(tmp_path):
-    curve = dataclasses.replace(temporal(), static_share=float("nan"))
-    curve.save(tmp_path / "a.npz")
-    with np.load(tmp_path / "a.npz") as file:
-        assert json.loads(str(file["specklegen"]), parse_constant=pytest.fail)["numbers"]["static_share"] is None

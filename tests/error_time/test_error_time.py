@@ -23,7 +23,6 @@ from specklegen.cli.compare import scene_of
 from specklegen.core.errors import RuleError
 from specklegen.error_time import SAMPLERS, Estimate, Probes, compare, crossover, fit_trend, measured, probes_of
 from specklegen.error_time.estimates import connection_amplitudes, paths_estimate, stationary_estimate
-from specklegen.error_time.probes import only
 from specklegen.memory_effects.cached import estimated_anew
 from specklegen.paths.layout import scene_layout
 from specklegen.paths.phases import random_phases
@@ -177,15 +176,6 @@ def test_samplers_agree_on_a_tiny_scene():
             assert_z(np.abs(other.value - first.value), 0, error, degrees=63)
 
 
-def test_only_keeps_the_points():
-    scene = small()
-    probes = Probes.among([(2, 40), (0, 3)])
-    few, numbered = only(scene, probes)
-    assert (len(few.lights), len(few.views)) == (2, 2)
-    np.testing.assert_allclose(few.lights[numbered.points[:, 0]], scene.lights[probes.points[:, 0]])
-    np.testing.assert_allclose(few.views[numbered.points[:, 1]], scene.views[probes.points[:, 1]])
-
-
 def test_probes_follow_the_tilt():
     scene = small()
     points = probes_of(scene).points
@@ -281,11 +271,6 @@ def test_tables_and_figures_are_written_into_the_page(tmp_path):
     assert "| old |" not in text
     assert text.count("\nWords.\n\n|") == len(headings)
     assert (folder / "transmission-g0-od10.png").stat().st_size > 10_000
-
-
-def test_a_page_without_a_place_for_a_table_is_refused():
-    with pytest.raises(RuleError, match="a table below the heading 'Slope'"):
-        tables.replaced("## Slope\n\nWords.\n\n## Speed\n\n| old |\n", "Slope", "| new |")
 
 
 def test_the_bound_of_a_ratio_is_met_or_not():

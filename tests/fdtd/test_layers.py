@@ -81,12 +81,6 @@ def test_a_realization_depends_on_seed_and_number_only():
     assert not np.array_equal(layer.sample(1, 7), layer.sample(1, 8))
 
 
-def test_a_layer_survives_serialisation():
-    layer = RandomLayer(correlation_length=np.inf)
-    assert RandomLayer.from_json(layer.canonical_json()) == layer
-    assert RandomLayer.from_toml(layer.to_toml()) == layer
-
-
 def test_extremes_of_the_correlation_length():
     uniform = RandomLayer(correlation_length=np.inf).sample(5, 0)
     assert np.ptp(uniform, axis=1).max() == 0

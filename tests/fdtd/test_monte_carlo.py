@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from refusals import assert_refused
 
-from specklegen.fdtd import Pulse, RandomLayer, illuminate, monte_carlo_mean, single_realization, transfer_matrix, yee
+from specklegen.fdtd import Pulse, RandomLayer, illuminate, monte_carlo_mean, transfer_matrix, yee
 
 LAYER = RandomLayer(correlation_length=0.1, n_points=300)
 PULSE = Pulse(duration=0.5, delay=5.0)  # begins at 1e-11 of its peak
@@ -68,24 +68,6 @@ def test_the_transform_is_long_enough():
     incidence = illuminate(layer, PULSE)
     r, _ = transfer_matrix(kappa, incidence.omega, incidence.courant)
     assert rel(field.back, incidence.series(r)) < 1e-6
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*order not valid")
-@pytest.mark.parametrize(("modulated", "lc", "back", "forward"), [
-    (True, 0.02, 0.048, 0.0099), (True, 0.5, 0.649, 0.066), (True, 3.0, 2.84, 0.183), (False, 3.0, 0.0152, 0.0031),
-])  # fmt: skip
-def test_table_of_marched_brute_force(modulated, lc, back, forward):
-    """4000 marches against one march with the mean currents of the same media; 50 % back, 10 % forward. Forward the
-    tolerance has three times the scatter between draws of 4000 media on top (7 % of the error; 10 % where the mean is
-    third moments of the sample, without carrier)."""
-    layer, pulse = RandomLayer(correlation_length=lc), Pulse(modulated=modulated)
-    brute = monte_carlo_mean(layer, 4000, "fdtd", pulse=pulse)
-    mean = single_realization(layer, covariance="sample", kappa=layer.sample(4000, 0), pulse=pulse)
-    spread = 0.21 if modulated else 0.3
-    # back at short L_c the mean is below its standard error: its relative error varies by 2.5 with the draw
-    assert back / 3 < rel(mean.back, brute.back) < 2 * back
-    assert rel(mean.forward, brute.forward) == pytest.approx(forward, rel=0.1 + spread)
 
 
 def test_bad_input_is_refused():

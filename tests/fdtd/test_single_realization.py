@@ -139,13 +139,6 @@ def test_no_fluctuation_gives_exactly_nothing():
     assert field.validity["back"]
 
 
-def test_first_order_vanishes_with_the_mean():
-    moments = Moments(np.zeros(50), RandomLayer(correlation_length=0.1, n_points=50).moments().second)
-    theta = np.array([0.05])
-    assert not mean_polarisation(moments, theta, 1).any()
-    assert mean_polarisation(moments, theta, 2).all()
-
-
 def test_single_delay_finds_a_delay_and_measures_its_error():
     omega = np.linspace(0.02, 0.03, 20)
     delay, amplitude = np.array([3.3, 40.0, 700.25]), np.array([1.0, -2.0, 0.5])

@@ -51,11 +51,6 @@ def test_zero_frequency_and_zero_fluctuation():
     assert abs(t[0] - 1) < ROUNDING
 
 
-def test_shapes():
-    assert transfer_matrix(np.zeros(5), np.array([0.1, 0.2]))[0].shape == (2,)
-    assert transfer_matrix(np.zeros((3, 5)), np.array([0.1, 0.2]))[1].shape == (3, 2)
-
-
 def test_frequencies_off_the_grid_are_refused():
     assert_refused(lambda: transfer_matrix(np.zeros(5), np.array([1.5]), 0.5), r"omega must be in \[0, 2 asin\(S\)\]")
     assert_refused(lambda: transfer_matrix(np.zeros(5), np.array([0.1]), 1.2), "courant must be")

@@ -99,13 +99,6 @@ def test_scattered_form_is_total_minus_incident():
     assert np.array_equal(scattered.incident, total.incident)
 
 
-@pytest.mark.parametrize("form", ["total", "scattered"])
-def test_no_fluctuation_scatters_exactly_nothing(form):
-    field = yee(RandomLayer(correlation_length=0.5, rms_index=0), form=form)
-    assert not field.back.any()
-    assert not field.forward.any()
-
-
 def slab_errors(dx):
     """Relative errors of r and t of a 3 um slab of 1.60 in 1.45 over 450-850 nm, and of |r|^2."""
     cells = round(3 / dx)
@@ -127,20 +120,6 @@ def test_slab_converges_to_fresnel_at_second_order():
     for coarse, fine in ((0.008, 0.004), (0.004, 0.002), (0.002, 0.001)):
         ratios = np.divide(errors[coarse], errors[fine])
         assert ratios == pytest.approx([4, 4, 4], rel=0.03)
-
-
-def test_marched_slab_is_fresnels():
-    """The march itself, dx = 4 nm: error of the field at the grid's own second-order level."""
-    cells = 750
-    layer = RandomLayer(correlation_length=1, n_points=cells, dx=0.004)
-    incidence = illuminate(layer, margin=4000)
-    back, forward = march(np.full((1, cells), (1.6 / 1.45) ** 2 - 1), incidence)
-    r, t = slab_fresnel(1.6, 1.45, 3.0, incidence.wavenumber)
-    k = 1.45 * incidence.wavenumber
-    expected_back = incidence.series(r * np.exp(1j * k * 0.004))
-    expected_forward = incidence.series((t - 1) * np.exp(-1j * k * 0.004 * (cells - 1)))
-    assert rel(back[0], expected_back) < 0.02
-    assert rel(forward[0], expected_forward) < 0.02
 
 
 @pytest.mark.parametrize(("change", "rule"), [

@@ -253,23 +253,6 @@ def test_the_speckle_of_a_focus_is_as_gaussian_as_the_plan_says():
     assert_mean(excess, stated, slack=0.5 * stated)
 
 
-def test_no_unit_of_length_changes_a_focus():
-    one = sg.render(scene(), paths=300, seed=4, threads=1).field
-    light = sg.FocusedBeams([[0.0, 0.0, 20e-3]], aperture=0.1)
-    medium = FORWARD.replace(thickness=40e-3, mean_free_path=20e-3)
-    other = sg.Scene(wavelength=1e-3, medium=medium, illumination=light, sensor=GRID)
-    np.testing.assert_allclose(sg.render(other, paths=300, seed=4, threads=1).field, one, atol=2e-3 * rms(one))
-
-
-def test_a_scene_is_written_and_read_and_a_dark_one_is_dark():
-    seen = scene(waist=WAIST, aperture=0.2)
-    assert sg.Scene.from_toml(seen.to_toml()) == seen == sg.Scene.from_json(seen.canonical_json())
-    dark = scene(medium=FORWARD.replace(albedo=0.0))
-    assert not sg.render(dark, paths=100, seed=0).field.any()
-    none = scene(sg.FocusedBeams(np.empty((0, 3)), aperture=0.1))
-    assert sg.render(none, paths=100, seed=0).field.shape == (0, 12, 12)
-
-
 @pytest.mark.parametrize(("field", "light", "passing"), [
     ("FocusedBeams.aperture must be given", {"aperture": None}, None),
     ("FocusedBeams.points", {"points": [[0.0, 0.0]]}, None),

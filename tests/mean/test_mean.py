@@ -136,13 +136,6 @@ def test_far_mean_turns_with_the_place_of_the_box(dimension):
     np.testing.assert_allclose(after, before * np.exp(2j * np.pi * turns), atol=1e-12 * np.abs(before).max())
 
 
-def test_scale_invariance():
-    lights, views = random_directions(2, 3, 5), random_directions(5, 3, 6)
-    small = sg.mean_field(scene(box((3.0, 4.0, 5.0)), lights, views))
-    large = sg.mean_field(scene(box((30.0, 40.0, 50.0), 20.0), lights, views, wavelength=10.0))
-    np.testing.assert_allclose(large, 10 * small, atol=1e-12 * np.abs(large).max())  # m is a length in space
-
-
 # ---- Numerical integrals: voxels and beams -------------------------------------------------------------
 
 

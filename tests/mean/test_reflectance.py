@@ -99,7 +99,6 @@ def test_errors_of_densities_are_those_of_counted_paths():
         np.testing.assert_allclose(error[share > 0], expected[share > 0], rtol=0.01)
 
 
-
 def test_densities_of_single_scattering():
     """A thin slab of albedo 0.05: what leaves straight ahead is the closed form of one collision, within its square."""
     depth, albedo = 0.2, 0.05
@@ -151,14 +150,6 @@ def test_a_wide_box_is_a_slab(slab_light):
     found = sg.reflectance_transmittance(box, paths=50_000, seed=8)
     assert_totals(found, 0.09739, 0.66096)
     assert_z(found.ballistic, np.exp(-2.0), np.sqrt(np.exp(-2.0) / 50_000))
-
-
-def test_the_result_is_a_function_of_seed_and_paths_alone():
-    few = {"paths": 9000, "seed": 3}
-    one, two = (sg.reflectance_transmittance(VAN_DE_HULST, **few, threads=threads) for threads in (1, 3))
-    np.testing.assert_array_equal(one.transmitted, two.transmitted)
-    assert one.reflectance == two.reflectance
-    assert one.reflectance != sg.reflectance_transmittance(VAN_DE_HULST, paths=9000, seed=4).reflectance
 
 
 def test_an_error_is_reached():

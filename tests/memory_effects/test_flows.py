@@ -1,6 +1,5 @@
 """What flows: Doppler shifts of paths against vertices, moved scatterers, closed forms, and films of both samplers."""
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -347,16 +346,6 @@ def test_frames_by_path_sums_forget_as_the_medium_does(name):
     refute_z(value, *law(1.7), degrees=31, slack=0.02)
 
 
-def test_a_longer_film_keeps_its_frames_and_the_first_is_the_medium_at_rest():
-    asked = {"sampler": "paths", "paths": 1000, "seed": 1}
-    short, longer = (sg.render(film(times=times), **asked).field for times in (TIMES, [*TIMES, 0.03]))
-    np.testing.assert_allclose(longer[:3], short, atol=1e-6 * np.abs(short).max())  # sums are grouped otherwise
-    scene = film()
-    light = scene.beams.of(np.array([0])).replace(times=None)
-    still = scene.replace(medium=THIN.replace(motion=None), illumination=light)
-    np.testing.assert_array_equal(sg.render(still, **asked).field[0], short[0])
-
-
 def test_a_flow_of_velocity_0_is_rest():
     for nothing in (drift(0.0, 0.0, 0.0), sg.Shear(rate=0.0)):
         medium = THIN.replace(motion=nothing)
@@ -412,20 +401,6 @@ def test_the_stationary_sampler_draws_flows_that_differ(medium):
     refute_z(value, *law(2.0), degrees=11)
 
 
-def test_exposures_have_the_contrast_of_the_law():
-    light = sg.CollimatedBeams.tilts([0.0, 0.0], width=200.0, times=[0.0, 0.02], exposure=[0.02, 0.08])
-    scene = sg.Scene(wavelength=1.0, medium=THIN, illumination=light, sensor=sg.FarField.grid((32, 32), 0.0025))
-    images = sg.render(scene, sampler="paths", paths=800, seed=3, realizations=24).intensity.astype(float)
-    i = images.reshape(24, 2, -1)
-    sums = np.concatenate([i.mean(-1), np.square(i).mean(-1), np.ones((24, 1))], axis=1)
-    value, error = jackknife(sums, lambda s: s[2:-1] * s[-1] / np.square(s[:2]) - 1)
-    known = sg.temporal_correlation(THIN, wavelength=1.0, lags=[0.0], paths=20_000, seed=4)
-    right = known.contrast([0.02, 0.08])
-    noise = np.hypot(error, right.standard_error)
-    assert_z(value, right.squared, noise, degrees=23, slack=0.02 * right.squared + 2 / 800)
-    refute_z(value, known.contrast([0.04, 0.16]).squared, noise, degrees=23, slack=0.02 * right.squared + 2 / 800)
-
-
 def test_random_motion_and_a_flow_in_one_medium():
     """Particles that boil in one layer and flow in another: e^(-2 x Y) and e^(i k tau D) of the same paths."""
     fluid = sg.Brownian(diffusion=1.0)
@@ -462,17 +437,3 @@ def test_refusals():
         sg.plan(film(WIDE.replace(motion=drift(0, 0, 1.0)), TIMES, 20_000.0, (16, 16), 2.5e-5), sampler="stationary")
     with pytest.warns(DoubtWarning, match="flow: particles under the window move by up to"):
         sg.render(film(sg.Layers(layers=[MOVING, STILL]), [0.0, 5.0]), sampler="paths", paths=200)
-
-
-def test_a_flow_is_a_value_and_a_plan_tells_of_it():
-    for medium in (THIN, LAYERS, VOXELS, sg.Box(lower=[-5, -5, 0], upper=[5, 5, 4], mean_free_path=2.0, scatterer=LOBE,
-                                                motion=drift(1.0, 0.0, 0.0))):  # fmt: skip
-        assert type(medium).from_json(medium.canonical_json()) == medium
-        assert type(medium).from_toml(medium.to_toml()) == medium
-        assert medium.moves
-        assert medium.flows
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoubtWarning)
-        told = sg.plan(film(), sampler="paths").explain()
-    assert "flow: used: particles are carried along" in told
-    assert THIN.replace(motion=SHEAR).fingerprint() != THIN.fingerprint()

@@ -131,36 +131,6 @@ def test_layers_are_those_of_adding_and_doubling(name):
         refute_z(found.linear, turned[1, 1] / turned[0, 0], found.linear_error, degrees=DEGREES)
 
 
-@pytest.mark.slow
-def test_layers_have_the_memory_of_the_slab_that_they_are():
-    """The curve of two halves of a slab, whose walks draw particles otherwise, behind both analysers."""
-    half = sg.Layer(thickness=THICKNESS / 2, mean_free_path=THICKNESS / 2, scatterer=AIR)
-    other = sg.Layer(thickness=THICKNESS / 2, mean_free_path=THICKNESS / 2 * (1 + 1e-9), scatterer=AIR)
-    cut = sg.Layers(layers=[half, other], polarisation="projector")
-    for channel in ("co", "crossed"):
-        one, two = (
-            sg.memory_effect(
-                each, wavelength=WAVELENGTH, tilts=tilts([1.0, 2.742]), channel=channel, azimuth=0.3, paths=15_000,
-                seed=3,
-            )
-            for each in (slab(2), cut)
-        )  # fmt: skip
-        assert_z(one.intensity, two.intensity, np.hypot(one.standard_error, two.standard_error), degrees=DEGREES)
-
-
-@pytest.mark.slow
-def test_layers_of_spheres_draw_each_by_its_own_amplitudes():
-    """Small particles before spheres whose S1 and S2 are no projector."""
-    pytest.importorskip("miepython")
-    sphere = sg.Mie(radius=0.1, wavelength=WAVELENGTH, refractive_index=2.2)
-    medium = layers(((1.0, AIR), (2.0, sphere)), "vector")
-    found = sg.mueller_matrix(medium, wavelength=WAVELENGTH, paths=30_000, seed=1)
-    exact = vector_adding_doubling([1.0, 2.0], [rayleigh, sphere_matrix(sphere)], nodes=32).transmitted[0, 0] / np.pi
-    assert_z(np.diag(found.matrix), np.diag(exact), np.diag(found.standard_error), degrees=DEGREES)
-    assert_z(found.linear, exact[1, 1] / exact[0, 0], found.linear_error, degrees=DEGREES)
-    assert_z(found.circular, exact[3, 3] / exact[0, 0], found.circular_error, degrees=DEGREES)
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_light_is_that_of_adding_and_doubling(name):
     medium, matrix, view = CASES[name]
@@ -269,13 +239,6 @@ def test_both_ways_to_a_curve_agree():
         assert_z(one.single_share, other.single_share, 0.005)
 
 
-def test_bessel_functions_are_scipys():
-    from scipy.special import jv
-
-    x = np.concatenate([[0.0], np.geomspace(1e-8, 1e3, 500)])
-    np.testing.assert_allclose(bessel_even(x), [jv(order, x) for order in (0, 2, 4)], atol=2e-14)
-
-
 # ---- In time ---------------------------------------------------------------------------------------------
 
 PASSED = {
@@ -339,27 +302,6 @@ def test_a_while_later_each_connection_has_lost_by_its_momentum_transfer():
 # ---- Coherent backscattering ----------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_a_channel_is_enhanced_as_the_literature_has_it():
-    """Rayleigh slab of depth 40, by an independent program (.001 each); light of kept helicity exactly twice."""
-    channels = {
-        "co": ([1, 0], [1, 0], 1.742), "crossed": ([1, 0], [0, 1], 1.129),
-        "kept helicity": ([1, 1j], [1, -1j], 2.0), "flipped helicity": ([1, 1j], [1, 1j], 1.262),
-    }  # fmt: skip
-    fields = [np.array(each[:2]) / np.linalg.norm(each[:2], axis=1, keepdims=True) for each in channels.values()]
-    medium, runs = slab(40), 10
-    lit = np.array([
-        [[found.intensity(*each) for each in fields]
-         for found in (mueller._estimate(medium, WAVELENGTH, -AXIS, 1000, seed, None, way) for seed in range(runs))]
-        for way in (True, False)
-    ])  # fmt: skip
-    mean, spread = lit.mean(axis=1), lit.std(axis=1, ddof=1) / np.sqrt(runs)
-    expected = np.array([each[2] for each in channels.values()])
-    error = expected * np.hypot(*(spread / mean))
-    assert_z(mean[0] / mean[1], expected, np.hypot(error, 0.001), degrees=runs - 1)
-    assert error.max() < 0.08
-
-
 # ---- What is refused ------------------------------------------------------------------------------------
 
 MOVING = sg.Brownian(diffusion=1.0)
@@ -398,6 +340,27 @@ REFUSED = {
     "the matrix of scalar light": (
         lambda: sg.mueller_matrix(slab(1, polarisation="scalar"), wavelength=0.5), "mueller_matrix medium"),
 }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_channel_is_enhanced_as_the_literature_has_it():
+    """Rayleigh slab of depth 40, by an independent program (.001 each); light of kept helicity exactly twice."""
+    channels = {
+        "co": ([1, 0], [1, 0], 1.742), "crossed": ([1, 0], [0, 1], 1.129),
+        "kept helicity": ([1, 1j], [1, -1j], 2.0), "flipped helicity": ([1, 1j], [1, 1j], 1.262),
+    }  # fmt: skip
+    fields = [np.array(each[:2]) / np.linalg.norm(each[:2], axis=1, keepdims=True) for each in channels.values()]
+    medium, runs = slab(40), 10
+    lit = np.array([
+        [[found.intensity(*each) for each in fields]
+         for found in (mueller._estimate(medium, WAVELENGTH, -AXIS, 1000, seed, None, way) for seed in range(runs))]
+        for way in (True, False)
+    ])  # fmt: skip
+    mean, spread = lit.mean(axis=1), lit.std(axis=1, ddof=1) / np.sqrt(runs)
+    expected = np.array([each[2] for each in channels.values()])
+    error = expected * np.hypot(*(spread / mean))
+    assert_z(mean[0] / mean[1], expected, np.hypot(error, 0.001), degrees=runs - 1)
+    assert error.max() < 0.08
 
 
 @pytest.mark.parametrize("name", REFUSED)

@@ -242,11 +242,6 @@ def test_all_views_together():
                              shifts=[0.0], lags=1.0)  # fmt: skip
 
 
-def test_a_picture():
-    pytest.importorskip("matplotlib")
-    assert curve(slab(5, ISOTROPIC), X, paths=500).plot() is not None
-
-
 @pytest.mark.parametrize(
     ("depth", "g", "albedo", "cosine"), [(10, 0.0, 1.0, 1.0), (5, 0.8, 0.95, 0.8), (3, 0.9, 1.0, 1.0)]
 )

@@ -6,7 +6,6 @@ from zscore import assert_mean, assert_z, refute_mean
 
 from specklegen.oracles.box_algorithms import Beams, Far, Near, Setup, contributions, covariance, fields, intensity
 from specklegen.oracles.box_media import Medium, box, deflect, henyey_greenstein, particle_by_rejection
-from specklegen.oracles.electric_field import electric_field
 
 pytestmark = pytest.mark.slow  # the oracle's own checks
 
@@ -99,20 +98,6 @@ def test_fields_have_the_covariance(reverse):
 def tilted_amplitude(cos):
     """Complex and asymmetric: |s|^2 = (1 + 0.8 cos)/(2 pi)."""
     return np.exp(2j * cos) * np.sqrt((1 + 0.8 * cos) / (2 * np.pi))
-
-
-@pytest.mark.slow
-def test_electric_field_monte_carlo_has_intensities_and_no_correlation():
-    """A04."""
-    setup = plane_wave_box((0, 3), (0, 3))
-    expected = batches(covariance, setup, 300)
-    drawn = np.array(
-        [electric_field(setup, 2, 500, np.random.default_rng(s)) for s in np.random.SeedSequence(3).spawn(BATCHES)]
-    )
-    found = np.einsum("bnp,bnq->bpq", drawn, drawn.conj()) / 500
-    assert_same(found, expected * np.eye(4))
-    with pytest.raises(AssertionError, match="z ="):
-        assert_same(found, expected)
 
 
 def test_a_kind_split_into_itself_is_itself():

@@ -19,10 +19,6 @@ from specklegen.oracles.screen_waves import ScreenWaves
 
 AGREED = 0.02  # of correlations, and of mean intensities: what rendered images and waves may differ by
 FORWARD = sg.Slab(thickness=400.0, mean_free_path=80.0, scatterer=sg.HenyeyGreenstein(0.98))
-TWO = sg.Layers(
-    [sg.Layer(thickness=150.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(0.98)),
-     sg.Layer(thickness=250.0, mean_free_path=125.0, scatterer=sg.VonMisesFisher(200.0))]
-)  # fmt: skip
 SMOOTH = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.VonMisesFisher(1000.0))
 
 
@@ -159,14 +155,6 @@ def test_images_behind_screens_are_those_of_waves():
     assert_same(found, (drawn, single))
     with pytest.raises(AssertionError, match="z ="):
         assert_same(found, (independent(drawn), single))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("medium", "fine", "paths"), [(FORWARD, 16, 60_000), (TWO, 8, 15_000)], ids=["slab", "layers"])
-def test_images_of_five_pixels_are_those_of_waves(medium, fine, paths):
-    """Views of layers are summed one by one, which takes an hour of 60 000 paths."""
-    row = Row(240, [-9, -5, 0, 4, 9], [1.0, 0.7, 0.4, 0.9, 0.8], 9, fine=fine)
-    assert_same(row.by_waves(medium, 48), row.by_render(medium, 12, paths=paths, sampler="paths"))
 
 
 @pytest.mark.slow

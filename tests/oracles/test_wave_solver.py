@@ -178,15 +178,6 @@ def test_points_are_taken_in_pieces(monkeypatch):
     assert np.abs(solved.near_field(points) - whole).max() < ROUNDING
 
 
-def test_nothing_scatters_nothing():
-    solved = scatter(Cylinder(0.1, 1.8), np.zeros((0, 2)), PlaneLights(TURNS))
-    assert not solved.far_field(TURNS).any()
-    assert not solved.near_field(TURNS).any()
-    assert not scattered_power(solved).any()
-    assert solved.far_field(np.zeros((0, 2))).shape == (4, 0)
-    assert np.allclose(total_field(solved, TURNS), PlaneLights(TURNS).field(2 * np.pi, TURNS), rtol=1e-15)
-
-
 def test_bad_input_is_refused():
     thin = Cylinder(0.1, 1.8)
     for wrong in ({"radius": 0}, {"index": -1}, {"wavelength": np.nan}, {"order": 1.5}, {"order": -1}):
@@ -199,15 +190,3 @@ def test_bad_input_is_refused():
     for shape in (np.zeros(2), np.zeros((1, 3)), np.full((1, 2), np.nan)):
         with pytest.raises(RuleError, match="shape"):
             scatter(thin, shape, PlaneLights(TURNS))
-
-
-@pytest.mark.slow
-def test_three_thousand_monopoles():
-    cylinder = Cylinder.resonant(0.02, order=0)
-    centres = np.random.default_rng(0).uniform(-70, 70, (3000, 2))
-    keep = np.ones(3000, bool)
-    while len(centres) and (d := pdist(centres[keep]) < 0.04).any():
-        first, _ = np.triu_indices(keep.sum(), 1)
-        keep[np.flatnonzero(keep)[first[d]]] = False
-    solved = scatter(cylinder, centres[keep], PlaneLights(TURNS))
-    assert solved.extinction() == pytest.approx(scattered_power(solved), rel=1e-11)

@@ -169,40 +169,6 @@ def test_the_slices_of_wide_tilts():
     assert_mean((slices.on_axis - 1 / grains) / (1 - 1 / grains), np.array(expected), slack=0.005)
 
 
-SLICES = {  # concentration, thickness, mean free path; pitch and size of the grid; bins of the tilts; reach, slabs
-    "vMF 50": (50.0, 80.0, 20.0, 0.4, 256, [1, 2, 3], 0.02, 100),
-    "vMF 150": (150.0, 400.0, 40.0, 0.5, 512, [1, 2, 3], 0.01, 40),
-    "vMF 500": (500.0, 400.0, 40.0, 0.8, 320, [1, 2, 4], 0.01, 60),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("case", SLICES)
-def test_lobes_of_von_mises_and_fisher_are_those_of_slices(case):
-    """About the axis; each bin of a periodic grid is a grain, and those of all slabs are joined before the square."""
-    concentration, thickness, mean_free_path, pitch, size, bins, reach, slabs = SLICES[case]
-    scatterer = sg.VonMisesFisher(concentration)
-    medium = sg.Slab(thickness=thickness, mean_free_path=mean_free_path, scatterer=scatterer)
-    sines = np.fft.fftfreq(size, pitch)
-    power = np.square(sines) + np.square(sines)[:, None]
-    views = (power < reach**2) & (power > 0)  # without what was not scattered
-    sums = []
-    for fields in slice_views(medium, wavelength=1.0, pitch=pitch, size=size, bins=[(n, 0) for n in [0, *bins]],
-                              realizations=slabs, seed=2):  # fmt: skip
-        near = np.array([np.roll(each, -n, axis=1)[views] for each, n in zip(fields, [0, *bins], strict=True)])
-        sums.append(np.concatenate([near @ near[0].conj(), np.square(np.abs(near)).sum(axis=1)]))
-
-    def intensity(total):
-        joint, light = np.split(total, 2, axis=-1)
-        return (np.square(np.abs(joint)) / (light * light[:1]).real)[1:]
-
-    waves, spread = jackknife(np.array(sums), intensity)
-    tilts = np.array([0, *bins]) / (pitch * size)
-    stack, error, _ = found(tracer_of(seen(scatterer, thickness, mean_free_path, tilts)))
-    assert_z(stack, waves, np.hypot(error, spread), degrees=BATCHES - 1, slack=AGREED)
-    refute_z(np.square(stack), waves, np.hypot(error, spread), degrees=BATCHES - 1, slack=AGREED)
-
-
 @pytest.mark.parametrize("case", LATERAL)
 def test_every_light_is_as_bright_as_alone(case):
     """Within 2 %: alone a light's lobes are looked up at its own angle, which is radiative transfer."""

@@ -9,7 +9,6 @@ import zscore
 import specklegen as sg
 from specklegen.core import statistics
 from specklegen.core.errors import DoubtWarning
-from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.paths import pilot as pilots
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.gaussianity import PathMoments
@@ -105,15 +104,3 @@ def test_errors_planned_behind_deep_forward_slabs_are_those_found(depth, albedo)
     noise = np.hypot(error / true, 1.25 * np.std(stated / true) / np.sqrt(len(stated)))  # of a median
     assert ratio > 0.8 + noise, (ratio, noise)
     assert ratio < 1.35 + 2 * noise, (ratio, noise)  # stated(): at most 1.22 times what few paths carry
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("depth", "albedo", "paths"), [(100.0, 1.0, 100_000), (100.0, 0.99, 100_000),
-                                                        (300.0, 1.0, 50_000)])  # fmt: skip
-def test_errors_of_memory_curves_behind_deep_forward_slabs_are_their_scatter(depth, albedo, paths):
-    """C_I of 60 seeds: the median of the standard errors stated is at least .8 of their scatter, within its noise."""
-    curves = [estimate_correlation(slab(depth, 0.99, albedo), paths, seed).intensity(np.array([0.01, 0.03]))
-              for seed in range(60)]  # fmt: skip
-    found, error = (np.array([curve[n] for curve in curves]) for n in (0, 2))
-    ratio = np.median(error, axis=0) / found.std(axis=0, ddof=1)
-    assert (ratio > 0.8 * (1 - 1 / np.sqrt(2 * len(curves)))).all(), ratio

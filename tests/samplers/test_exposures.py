@@ -167,26 +167,6 @@ def test_other_media_blur_as_their_light_says(medium, layers):
     assert_z(known.squared, 1.0, 0.0, slack=0.6)
 
 
-def test_a_plan_says_how_many():
-    told = sg.plan(exposed(EXPOSURES, STARTS, WIDE, 20_000.0, pitch=2.5e-5)).explain()
-    assert "exposure: used: " in told
-    assert "above that of the exposure, allowed 0.02" in told
-    counts = [sg.plan(exposed(), rel_error=error, sampler="paths").scene.illumination.instants[0]
-              for error in (0.1, 0.02)]  # fmt: skip
-    assert counts[0] < counts[1]
-
-
-def test_values():
-    light = exposed(EXPOSURES, STARTS).illumination
-    assert sg.CollimatedBeams.from_toml(light.to_toml()) == light
-    assert light.of(np.array([2])).exposure == [3.0]
-    assert not light.coherent
-    assert light.images == (3,)
-    bare = sg.CollimatedBeams.tilts([0.0], width=1.0, times=[0.0])
-    assert "exposure" not in bare.canonical_json()
-    assert bare.beams is bare
-
-
 @pytest.mark.parametrize(("changes", "field", "rule"), [
     ({"exposure": -1.0}, "CollimatedBeams.exposure", "above 0"),
     ({"exposure": 0.0}, "CollimatedBeams.exposure", "above 0"),

@@ -9,8 +9,7 @@ from zscore import assert_mean, assert_z, refute_mean, refute_z
 import specklegen as sg
 from specklegen.core.statistics import jackknife
 from specklegen.kernels.displacements import COLUMNS, add_step
-from specklegen.memory_effects.film import FilmCorrelation, causal_root
-from specklegen.memory_effects.oblique import ObliqueCorrelation
+from specklegen.memory_effects.film import causal_root
 from specklegen.paths.displacements import film_roots, frames
 from specklegen.paths.tracer import scene_tracer
 from specklegen.planning.planning import Options, planned
@@ -262,36 +261,3 @@ def test_ends_move_by_the_law():
         squares = np.square(walked).mean(axis=1)
         assert_mean(squares, 2 * x)
         refute_mean(squares, 1.9 * x)
-
-
-def test_a_plan_tells_of_motion():
-    told = sg.plan(film(), sampler="paths").explain()
-    assert "motion: used: a film of 4 frames up to x = k^2 <Dr^2> / 6 = 0.3" in told
-    assert "motion: left out" in sg.plan(film().replace(illumination=film([0.0]).beams.replace(times=None))).explain()
-    assert (
-        "motion"
-        not in sg.plan(
-            film().replace(medium=THIN.replace(motion=None), illumination=film([0.0]).beams.replace(times=None))
-        ).explain()
-    )
-
-
-@pytest.mark.parametrize("axial", [False, True])
-@pytest.mark.parametrize("power", [-40, 40])
-def test_a_film_is_the_same_in_any_unit_of_length(power, axial):
-    """Pairs of beams were told apart to 1e-15 of whatever unit: in kilometres all were one."""
-    rng = np.random.default_rng(0)
-    sines, times = np.array([[0.0, 0.0], [1e-4, 0.0], [1e-4, 2e-4]]), np.array([0.0, 1.0, 3.0])
-
-    def found(unit):
-        ways = ObliqueCorrelation(
-            100 * unit * rng.normal(size=(50, 2)), rng.exponential(size=50), np.arange(50), 50,
-            transfer=rng.exponential(size=50),
-        )  # fmt: skip
-        film = FilmCorrelation(ways, sg.Brownian(diffusion=1e-3 * unit**2), times, axial)
-        return film.matrix(sines, 2 * np.pi / (0.5 * unit))
-
-    one = found(1.0)
-    rng = np.random.default_rng(0)
-    assert found(2.0**power) == pytest.approx(one, rel=1e-9)
-    assert np.unique(np.abs(one).round(9)).size == 4  # three pairs, and each with itself

@@ -8,7 +8,6 @@ from one_object import one_object
 from scipy.special import j0
 from zscore import assert_mean, assert_z, refute_mean, refute_z
 
-from specklegen.datasets import load_recipe
 from specklegen.memory_effects.correlation import axial_tracer, estimate_correlation, lateral_distance
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.scene.media import Slab
@@ -177,17 +176,3 @@ def test_mean_of_images_in_wide_light():
     images = [made.image(made.medium(3, n), OBJECT).mean().item() / (made.mean * OBJECT.sum()) for n in range(100)]
     assert_mean(np.array(images), 1.0)
     refute_mean(np.array(images) * (1 - light.flat), 1.0)
-
-
-def test_depolarised_recipe_has_contrast_over_root_two():
-    """The second polarisation has draws of its own, so the first stays as it was."""
-    small = {"camera": {"shape": [32, 32]}, "material": {"kernel_paths": 4000, "optical_depth": 10.0, "g": 0.9}}
-    full = load_recipe("tilt-stack", small | {"tilts": {"count": 1}})
-    half = full.replace(light={"polarised": False})
-    one, two = (np.stack([r.sample(0, "train", n)["stack"][0] for n in range(60)]) for r in (full, half))
-    assert_mean(np.square(one - 1.0).mean(axis=(1, 2)), 1.0)
-    assert_mean(np.square(two - 1.0).mean(axis=(1, 2)), 0.5)
-    rest = 2 * two - one  # the other polarisation alone
-    assert rest.min() > -1e-4
-    assert_mean(((one - 1) * (rest - 1)).mean(axis=(1, 2)), 0.0)
-    assert half.sample(0, "train", 0)["parameters"]["expected_contrast"] == pytest.approx(0.5**0.5)

@@ -6,11 +6,8 @@ from references import correlation_transfer
 from references.correlation_transfer import exchange, field_correlation, quadruple, transmittance
 from references.slab_covariance import slab_covariance
 from scipy.special import exp1
-from zscore import assert_mean, refute_mean
 
 from specklegen.core.errors import RuleError
-from specklegen.oracles.box_algorithms import Far, Setup, contributions
-from specklegen.oracles.box_media import box, henyey_greenstein
 from specklegen.theory import slab
 
 Q = np.array([0.5, 1, 1.491, 2.742, 4, 8])
@@ -100,15 +97,6 @@ def test_the_kernel_is_the_exponential_integral_and_decays_sideways():
         assert total == pytest.approx(np.arctan(kappa) / kappa, rel=1e-8)
 
 
-@pytest.mark.slow
-def test_the_answer_does_not_depend_on_the_panels(monkeypatch):
-    coarse = field_correlation(Q, 5)
-    monkeypatch.setattr(correlation_transfer, "_GRID", np.polynomial.legendre.leggauss(12))
-    monkeypatch.setattr(correlation_transfer, "_NODES", 12)
-    monkeypatch.setattr(correlation_transfer, "_FIRST_PANEL", 1e-6)
-    np.testing.assert_allclose(field_correlation(Q, 5), coarse, rtol=0, atol=1e-8)
-
-
 def tilted(sines, side):
     return np.array([sines, 0.1, side * np.sqrt(1 - 0.01 - sines**2)])
 
@@ -127,28 +115,3 @@ def test_single_scattering_is_that_of_eq_41(side):
     irradiance = np.sqrt(lights[0][2] * lights[1][2])  # beams: per area of the face
     # The footprints part by 20 * 3e-5 of 1e6.
     assert found.single * 10 * 0.1 * 0.9 / (4 * np.pi) == pytest.approx(column * irradiance / width**2, rel=1e-8)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_algorithm_1_solves_the_same_equation(side):
-    """A slab of unlimited plane waves per unit area, tilts of 0.02 at mean free paths of 10 wavelengths."""
-    shift = 0.02
-    lights = tilted(0.3, 1.0), tilted(0.3 + shift, 1.0)
-    views = tilted(0.1, side), tilted(0.1 + shift, side)
-    found = quadruple(2.0, mean_free_path=10.0, wavelength=1.0, lights=lights, views=views, albedo=0.9)
-    medium = box(
-        (-np.inf, -np.inf, 0), (np.inf, np.inf, 20), extinction=0.1, albedo=0.9, particles=(henyey_greenstein(0, 3),)
-    )
-    region = np.array([-0.5, -0.5, 0]), np.array([0.5, 0.5, 20])
-    setup = Setup(medium, 1.0, Far(np.array(lights)), Far(np.array(views)), matched=True, region=region)
-    batches = []
-    for seed in np.random.SeedSequence(1).spawn(64):
-        parts = list(contributions(setup, 1000, np.random.default_rng(seed), reverse=False))
-        products = [(part.weight * part.amplitude[0] * part.amplitude[1].conj()).sum() / 1000 for part in parts]
-        batches.append([products[0], sum(products[1:])])
-    expected = np.array([found.single, found.multiple]) * 0.9 / (4 * np.pi)
-    batches = np.array(batches)
-    assert_mean(batches.real, expected.real)
-    assert_mean(batches.imag, expected.imag)
-    refute_mean(np.abs(batches[:, 1]), 1.05 * np.abs(expected[1]))  # 5 % of the multiple part

@@ -1,6 +1,5 @@
 """Diffusing-wave spectroscopy: its own figures, its limits, and how far it is from radiative transfer."""
 
-import doctest
 from functools import cache
 
 import mpmath
@@ -13,7 +12,6 @@ from scipy.optimize import brentq
 from zscore import assert_z
 
 from specklegen.oracles.adding_doubling import adding_doubling
-from specklegen.theory import diffusing_wave
 from specklegen.theory.diffusing_wave import inferred_depths, reflected_field, transmitted_field
 from specklegen.theory.speckle_contrast import contrast_squared, diffusing_contrast_squared
 
@@ -114,12 +112,6 @@ def test_light_sent_back():
     # What diffusion says is too high: it begins a transport length deep, and knows no reflection of few scatterings.
     deep = np.array([multiple(each, 4000.0) / multiple(0.0, 4000.0) for each in x])
     assert_allclose(reflected_field(x) - deep, [0.038, 0.089, 0.113], atol=2e-3)
-
-
-def test_examples_say_what_is_so():
-    found = doctest.testmod(diffusing_wave)
-    assert found.attempted > 3
-    assert not found.failed
 
 
 @pytest.mark.parametrize(("ask", "words"), [

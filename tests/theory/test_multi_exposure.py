@@ -1,6 +1,5 @@
 """The multi-exposure model turned round: what it was made of comes back, and noise as another program has it."""
 
-import doctest
 
 import numpy as np
 import pytest
@@ -8,7 +7,6 @@ from numpy.testing import assert_allclose
 from refusals import assert_refused
 from scipy.optimize import least_squares
 
-from specklegen.theory import multi_exposure
 from specklegen.theory.multi_exposure import REACH, multi_exposure_fit
 from specklegen.theory.speckle_contrast import exponential_contrast_squared
 
@@ -69,12 +67,6 @@ def test_ends_of_the_range():
 
 def test_no_rows_give_none():
     assert multi_exposure_fit(np.empty((0, 5)), EXPOSURES).correlation_time.shape == (0,)
-
-
-def test_examples_say_what_is_so():
-    found = doctest.testmod(multi_exposure)
-    assert found.attempted
-    assert not found.failed
 
 
 @pytest.mark.parametrize(("asked", "words"), [

@@ -5,10 +5,7 @@ import pytest
 from references.slab_covariance import slab_covariance
 from refusals import assert_refused
 from scipy.linalg import expm
-from zscore import assert_mean, refute_mean
 
-from specklegen.oracles.box_algorithms import Far, Setup, contributions
-from specklegen.oracles.box_media import box, henyey_greenstein
 from specklegen.theory.single_scattering import _divided_exp, box_covariance
 
 LOWER, UPPER = np.array([-1.0, -2.0, -1.5]), np.array([2.0, 1.0, 0.5])
@@ -133,32 +130,6 @@ def test_the_matrix_over_lights_and_views_is_hermitian_positive_and_reciprocal()
     np.testing.assert_allclose(c, c.conj().T, rtol=0, atol=1e-12 * c.real.max())
     np.testing.assert_allclose(c, swapped, rtol=0, atol=1e-12 * c.real.max())
     assert np.linalg.eigvalsh(c).min() > -1e-12 * c.real.max()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_algorithm_1_has_this_single_scattering(dimension):
-    """A01: 20 quadruples of the 10-wavelength box, complex, from 64 batches."""
-    rng = np.random.default_rng(3)
-    i, v = random_directions(rng, 2, 40, dimension)
-    for rays in (i, v):  # half of the pairs within a grain of each other, so that C is not small
-        close = rays[:10] + 0.01 * rng.normal(size=(10, dimension))
-        rays[20:30] = close / np.linalg.norm(close, axis=-1, keepdims=True)
-    lower, upper = -5 * np.ones(dimension), 5 * np.ones(dimension)
-    particle = henyey_greenstein(0.4, dimension)
-    medium = box(lower, upper, extinction=0.2, albedo=0.7, particles=(particle,))
-    setup = Setup(medium, 1.0, Far(i), Far(v), matched=True)
-    found = []
-    for seed in np.random.SeedSequence(4).spawn(64):
-        part = next(contributions(setup, 800, np.random.default_rng(seed), reverse=True))
-        found.append((part.weight * part.amplitude[:20] * part.amplitude[20:].conj()).sum(axis=1) / 800)
-    expected = box_covariance(
-        lower, upper, extinction=0.2, albedo=0.7, wavelength=1.0, amplitude=particle.amplitude, lights=(i[:20], i[20:]),
-        views=(v[:20], v[20:]),
-    )  # fmt: skip
-    assert_mean(np.real(found), expected.real)
-    assert_mean(np.imag(found), expected.imag)
-    refute_mean(np.real(found), 1.05 * expected.real)  # 5 % in an attenuation
 
 
 def by_depth(thickness, sigma, width, k, lights, views, points):

@@ -1,6 +1,5 @@
 """Contrast of exposures: against quadrature, matrices of pairs, radiative transfer, and simulated grains."""
 
-import doctest
 
 import mpmath
 import numpy as np
@@ -203,12 +202,6 @@ def test_both_laws_of_estimates_agree_where_modes_are_equal():
     assert float(at_rest.standard_deviation) == pytest.approx(float(exact.standard_deviation), rel=2e-5)
     assert 1 - float(at_rest.mean) == pytest.approx(1 - float(exact.mean), rel=2e-5)
     assert float(exact.standard_deviation) == pytest.approx(np.sqrt(2 * 2 / 1e6), rel=2e-5)
-
-
-def test_examples_say_what_is_so():
-    found = doctest.testmod(sc)
-    assert found.attempted > 3
-    assert not found.failed
 
 
 @pytest.mark.parametrize(("ask", "words"), [

@@ -1,6 +1,5 @@
 """Pictures of a folder by number and by name: in samples, batches, streams, stores, exports and collated batches."""
 
-import csv
 import json
 import shutil
 
@@ -9,8 +8,7 @@ import pytest
 import torch
 from skimage.io import imsave
 
-from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
-from specklegen.datasets.loading.export import export
+from specklegen.datasets import SpeckleCache, load_recipe
 from specklegen.datasets.objects import Families, Folder, Points
 from specklegen.datasets.split import SPLITS
 from specklegen.datasets.store.generate import generate
@@ -96,13 +94,6 @@ def test_stores_hand_out_what_samples_say(recipe, store):
     assert "file" not in batch
 
 
-def test_streams_carry_the_number(recipe):
-    stream = SpeckleStream(recipe, batch_size=4)
-    batch = next(iter(stream))
-    names = [recipe.file_names[int(n)] for n in batch["parameters"]["file"]]
-    assert names == [recipe.sample(0, "train", int(n))["file"] for n in batch["index"]]
-
-
 def test_a_store_without_its_names_reads_as_well(recipe, store, tmp_path):
     """Lost, or not as they were written: numbers stay numbers, whether a sample is read or rendered."""
     copy = tmp_path / "a.zarr"
@@ -119,16 +110,6 @@ def test_a_store_without_its_names_reads_as_well(recipe, store, tmp_path):
         file.unlink(missing_ok=True)
     cache.store.forget_shard(0)
     assert "file" not in SpeckleCache(copy, missing="render", recipe=recipe)[0]
-
-
-def test_exports_have_names(store, tmp_path):
-    pq = pytest.importorskip("pyarrow.parquet", reason="needs the extra parquet")
-    export(store, tmp_path / "out", "parquet")
-    cache = SpeckleCache(store)
-    names = [cache[n]["file"] for n in range(len(cache))]
-    assert pq.read_table(tmp_path / "out/data/train.parquet")["file"].to_pylist() == names
-    with (tmp_path / "out/samples.csv").open() as handle:
-        assert [row["file_name"] for row in csv.DictReader(handle)] == names
 
 
 def test_mixtures_number_the_files_of_all_families_through(tree):

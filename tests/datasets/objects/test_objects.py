@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
-from pydantic import TypeAdapter
 from scipy.stats import chi2
 from skimage.io import imsave
 
 from specklegen.datasets.objects import (
-    AnyFamily,
     Bars,
     Blobs,
     Digits,
@@ -580,16 +578,3 @@ def test_bars_fit_their_frame_exactly():
 ])  # fmt: skip
 def test_bad_input_names_field_rule_and_value(make, message):
     assert_refused(make, message)
-
-
-def test_a_family_is_a_value_of_one_field_of_a_recipe(family):
-    read = TypeAdapter(AnyFamily).validate_python(family.model_dump(mode="json"))
-    assert read == family
-    assert type(family).from_toml(family.to_toml()) == family
-
-
-def test_import_loads_neither_torch_nor_matplotlib_nor_scikit_image():
-    heavy = {"torch", "matplotlib", "skimage", "PIL", "sklearn"}
-    code = f"import specklegen.datasets.objects, sys; print({heavy} & set(sys.modules))"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "set()"

@@ -150,14 +150,3 @@ def test_other_kinds_and_samplers_refuse_polarised_light():
     with pytest.raises(RuleError, match="without analysers where media are rendered by path sums"):
         quick_recipe("polarised-tissue", sampler="paths").plans()
     assert_refused(lambda: recoverable("polarised-tissue"), "recoverable recipe must be one of scalar light")
-
-
-def test_a_plan_says_that_every_image_has_the_photons_of_the_exposure(pair):
-    """And both have them, though the crossed analyser passes less."""
-    exposed = pair.replace(exposure={"photons": 500.0, "bit_depth": 16, "full_well": 60000.0})
-    assert "every image has the mean photons" in exposed.rendering_note
-    assert "every image has the mean photons" not in pair.rendering_note
-    sample = exposed.sample(0, "train", 0)
-    assert sample["parameters"]["analyser_share_1"] < 0.5 * sample["parameters"]["analyser_share_0"]
-    first, second = (float(image.astype(float).mean()) for image in sample["stack"])
-    assert abs(second / first - 1) < 0.5, "within the spread of means of some hundred grains"

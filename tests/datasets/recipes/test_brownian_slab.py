@@ -11,9 +11,7 @@ import specklegen as sg
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.brownian import moving
-from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.datasets.recipes.parts.material import known_motion
-from specklegen.models.recoverability.verdict import conditions_of
 from specklegen.synthesis import films
 
 # |g1|^2 at .1, .25, .5, 2, 3 of the time where g1 = 1/e, by another program, rounded to .0005; optical depth and g.
@@ -181,23 +179,3 @@ def test_bad_input_is_named(changes, says):
 def test_samplers_that_know_no_films_are_refused():
     with pytest.raises(RuleError, match="without dynamics where media are rendered by path sums"):
         quick_recipe("brownian-slab", sampler="paths").plans()
-
-
-def test_conditions_of_a_film_know_its_law():
-    """Frames that hold as much as independent ones would: between 1 and all."""
-    frames = conditions_of(quick_recipe("brownian-slab", camera={"shape": [48, 40]})).frames
-    assert 1 < frames < 8
-
-
-def test_the_card_names_the_law():
-    note = quick_recipe("brownian-slab").rendering_note
-    assert 'Motion: model "brownian"' in note
-    assert "Left out: motion" not in note
-
-
-def test_batches_make_the_same():
-    """Of any size, by the generator as by the recipe, to the bit."""
-    recipe = recipe_of(frames=3)
-    whole = recipe.batch(0, "train", range(5))["frames"]
-    made = SpeckleGenerator(recipe, 0)
-    assert np.array_equal(made([4, 1])["frames"].numpy(), whole[[4, 1]])

@@ -8,7 +8,6 @@ from zscore import assert_mean, refute_mean
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
-from specklegen.datasets.recipes.generator import SpeckleGenerator
 
 FIXED = {"depth": 150.0, "radius": 80.0, "speed": 1500.0, "angle": 0.0, "offset": 30.0}
 SMALL = {"camera": {"shape": [40, 24]}}
@@ -55,19 +54,6 @@ def test_parameters_say_what_was_drawn(one_vessel):
     darkest = batch["target"][0, 1, :, 0].argmin()
     assert abs((darkest - 19.5) * told["pixel_pitch"] - 30.0) < 40.0, "the axis passes the middle by its offset"
     assert recipe.fingerprint() != recipe_of(vessel=FIXED | {"profile": "plug"}).fingerprint()
-
-
-def test_batches_generators_and_media_make_the_same():
-    """To the bit; what two vessels share is their tissue."""
-    recipe = recipe_of()
-    whole = recipe.batch(3, "test", [0, 1, 2])
-    made = SpeckleGenerator(recipe, 3, "test")([2, 0])
-    for name in ("stack", "target"):
-        np.testing.assert_array_equal(made[name].numpy(), whole[name][[2, 0]])
-    ready = recipe.prepare(3, "test", 1)
-    np.testing.assert_array_equal(ready.images(np.ones((1, 1))), whole["stack"][1])
-    assert np.ptp(whole["parameters"]["vessel_speed"]) > 0
-    assert np.ptp(whole["target"], axis=0).max() > 0.05
 
 
 def test_a_camera_counts_pixels_with_an_area():

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
-from matrix_products import MatrixProducts
 from quick_recipes import quick_recipe
 from refusals import assert_refused
 from zscore import assert_mean, assert_z, refute_mean, refute_z
@@ -11,7 +9,6 @@ from zscore import assert_mean, assert_z, refute_mean, refute_z
 import specklegen as sg
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
-from specklegen.datasets.recipes.exposure_stack import contrasts_squared, lag_weights
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 
 DURATIONS = (1e-5, 1e-4, 5e-4, 2e-3)
@@ -26,20 +23,6 @@ def recipe_of(material=None, **exposures):
         name="one-medium", media=None, material=material or slab, window=sources.window, exposures=given,
         camera={"shape": [48, 48], "pixels_per_grain": 2.0},
     )  # fmt: skip
-
-
-def test_contrasts_know_no_companions():
-    """No product of matrices, of which a row has other last bits with others beside it where there is no AVX-512."""
-    left = torch.rand(7, 40, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    weights = lag_weights((12, 27))
-    np.testing.assert_allclose(weights.sum(axis=1), 1.0, rtol=1e-12)  # of what rests
-    with MatrixProducts() as asked:
-        together = contrasts_squared(left, weights)
-    assert not asked.shapes
-    assert all(torch.equal(contrasts_squared(left[n : n + 1], weights)[0], each) for n, each in enumerate(together))
-    with MatrixProducts() as asked:
-        np.testing.assert_allclose(together, left @ torch.from_numpy(weights).T, rtol=1e-14)
-    assert asked.shapes == {("mm", (7, 40), (40, 2))}
 
 
 LAYERS = {"wavelength": 0.5, "kernel_paths": 100_000, "layers": [

@@ -19,7 +19,7 @@ from specklegen.datasets.recipes import contrast_map
 from specklegen.datasets.recipes import generator as generator_module
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.samplers.screens import objects as screen_objects
-from specklegen.synthesis import fused, optics
+from specklegen.synthesis import fused
 from specklegen.synthesis import imaging as imaging_module
 from specklegen.synthesis.imaging import Imaging
 from specklegen.synthesis.surface import SurfaceFilm
@@ -122,17 +122,6 @@ def test_devices_render_what_the_cpu_renders(name, monkeypatch):
         assert_agree(SpeckleGenerator(recipe, 4)(indices), found)
 
 
-@pytest.mark.parametrize("name", ["unknown-slab", "tilt-stack", "dynamic-slab", "brownian-slab"])
-def test_companions_do_not_matter_to_devices(name, monkeypatch):
-    """Chunks of one shape, filled up where there are too few: to the bit, in any batch and order."""
-    recipe = recipe_of(name)
-    with as_on_devices(monkeypatch):
-        generator = SpeckleGenerator(recipe, 4)
-        key, whole = next(iter(recipe.layout())), generator(range(12))
-        for some in ([11, 3], [5], [*range(9, 0, -1)]):
-            assert torch.equal(generator(some)[key], whole[key][some])
-
-
 def test_a_device_meets_no_new_shape_in_a_further_batch(monkeypatch):
     """On CUDA every new one is compiled anew: as many samples of a rank as a batch happens to have would never end. All
     operators of unknown-slab, whose ranks and counts of them differ from batch to batch; of ranks that were met."""
@@ -172,44 +161,6 @@ def test_companions_and_order_do_not_matter(name):
     batch = recipe.batch(3, "train", [8, 0])
     for key in set(batch) - {"parameters"}:
         np.testing.assert_array_equal(batch[key], whole[key].numpy()[[8, 0]])
-
-
-def _old_and_new():
-    torch.set_float32_matmul_precision("medium")
-    torch.backends.cuda.matmul.allow_tf32 = True
-
-
-SWITCHES = {
-    "all": lambda: torch.set_float32_matmul_precision("medium"),
-    "old and new": _old_and_new,  # torch then refuses to say what the switch of all is
-    "one backend": lambda: setattr(torch.backends.cuda.matmul, "fp32_precision", "tf32"),
-}
-BACKENDS = (torch.backends.cuda.matmul, torch.backends.mkldnn.matmul)
-
-
-@pytest.mark.parametrize("name", ["unknown-slab", "through-slab-lab"])
-def test_switches_of_the_program_change_nothing(name, monkeypatch):
-    """TF32, autocast and gradients around the generator; they are left as they were."""
-    generator = SpeckleGenerator(recipe_of(name), 1)
-    plain = generator(range(3))
-    seen, images = [], optics.images
-    monkeypatch.setattr(optics, "images", lambda *a: [seen.append([b.fp32_precision for b in BACKENDS]), images(*a)][1])
-    for switch in SWITCHES.values():
-        try:
-            switch()
-            before = [backend.fp32_precision for backend in BACKENDS]
-            assert before != ["ieee"] * 2
-            with torch.autocast("cpu", dtype=torch.bfloat16):
-                equal(generator(range(3)), plain)
-                assert torch.is_autocast_enabled("cpu")
-            assert [backend.fp32_precision for backend in BACKENDS] == before
-        finally:
-            torch.set_float32_matmul_precision("highest")
-    assert all(each == ["ieee"] * 2 for each in seen)
-    assert len(seen) == 9
-    image = plain["image"]
-    assert not image.requires_grad
-    assert not image.is_inference()
 
 
 @pytest.mark.filterwarnings("ignore::specklegen.DoubtWarning")
@@ -340,11 +291,6 @@ def test_bad_recipes_and_splits_are_refused():
     with pytest.raises(ValueError, match="a recipe of this library"):
         SpeckleGenerator("through-slab", 0)  # type: ignore[arg-type]
     assert_refused(lambda: SpeckleGenerator(load_recipe("tilt-stack"), 0, "exam"), "split must be one of")
-
-
-def test_a_device_that_is_not_there_is_named():
-    with pytest.raises(ValueError, match="SpeckleGenerator.device must be a device that torch has here; got 'gpu'"):
-        SpeckleGenerator(load_recipe("tilt-stack"), 0, device="gpu")
 
 
 def test_a_stream_uses_the_generator_of_its_device(monkeypatch):

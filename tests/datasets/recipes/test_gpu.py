@@ -43,18 +43,6 @@ def test_the_device_renders_what_the_cpu_renders(name):
             np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["unknown-slab", "tilt-stack", "through-slab-lab", "dynamic-slab"])
-def test_companions_do_not_matter(name):
-    """Chunks have one shape, so the images have the same bits in any batch and order, batch after batch."""
-    _, there = pair(name)
-    key = next(iter(there.recipe.layout()))
-    whole = there(range(200))[key].cpu()
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        some = rng.choice(200, 37, replace=False)
-        assert torch.equal(there(some)[key].cpu(), whole[torch.from_numpy(some)])
-
-
 @pytest.mark.parametrize("name", ["unknown-slab", "through-slab", "dynamic-slab"])
 def test_a_thousand_replays_of_graphs(name):
     """With random numbers of samples; memory that a replay should write is spoilt before each."""
@@ -82,30 +70,3 @@ def test_batches_made_ahead_are_those_of_the_generator():
         assert torch.equal(batch["image"], expected)
         del batch
         torch.full((96, 128, 128), torch.nan, device="cuda").sum()
-
-
-def test_switches_of_the_program_change_nothing():
-    _, there = pair("unknown-slab")
-    plain = there(range(32))["image"]
-    try:
-        torch.set_float32_matmul_precision("medium")
-        torch.backends.cuda.matmul.allow_tf32 = True
-        with torch.autocast("cuda", dtype=torch.bfloat16):
-            assert torch.equal(there(range(32))["image"], plain)
-    finally:
-        torch.set_float32_matmul_precision("highest")
-
-
-def test_a_stream_resumes_in_the_middle_of_an_epoch():
-    recipe = load_recipe("unknown-slab", {"samples": {"train": 96}})
-    whole = SpeckleStream(recipe, batch_size=16, device="cuda").loader()
-    batches = [batch["image"].cpu() for batch in whole]
-    loader = SpeckleStream(recipe, batch_size=16, device="cuda").loader()
-    for number, _ in enumerate(loader):
-        if number == 2:
-            state = loader.state_dict()
-            break
-    resumed = SpeckleStream(recipe, batch_size=16, device="cuda").loader()
-    resumed.load_state_dict(state)
-    for batch, expected in zip(resumed, batches[3:], strict=True):
-        assert torch.equal(batch["image"].cpu(), expected)

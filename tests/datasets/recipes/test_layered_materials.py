@@ -108,16 +108,6 @@ def test_layers_that_refract_are_drawn_by_the_stationary_sampler(skin):
     assert "index" not in load_recipe(skin).material.layers[0].canonical_json()
 
 
-@pytest.mark.slow
-def test_layers_that_refract_are_drawn_by_path_sums_where_these_are_asked_for(skin):
-    """Exponential intensities about 1 at every tilt, within 4 standard errors of the mean of some 28 grains each."""
-    recipe = refracting(skin, sampler="paths")
-    assert {made.sampler for made in recipe.plans()} == {"paths"}
-    stack = recipe.sample(0, "train", 3)["stack"]
-    error = np.sqrt(9 / stack[0].size)
-    assert np.abs(stack.mean(axis=(1, 2)) - 1).max() < 4 * error
-
-
 def test_layers_that_refract_need_an_index_and_no_lab(skin):
     with pytest.raises(sg.RuleError, match=r"Material\.layers\.index must be a refractive index"):
         LayerDraws(thickness=1.0, mean_free_path=1.0, g=0.5, index={"uniform": [0.01, 1.0]})

@@ -9,8 +9,6 @@ from quick_recipes import packaged, quick_recipe
 from refusals import assert_refused
 
 from specklegen.datasets import load_recipe, recipe_names
-from specklegen.datasets.objects import Bars, Digits, Folder, Glyphs, Photographs, Points
-from specklegen.datasets.objects.family import ListedFamily
 from specklegen.datasets.split import SPLITS, Purpose, substream
 
 FAST = {"material": {"kernel_paths": 1000}}
@@ -58,35 +56,6 @@ def test_a_leak_of_media_is_found(monkeypatch):
     monkeypatch.setattr("specklegen.datasets.addresses.split_number", lambda _: 0)
     with pytest.raises(AssertionError, match="in both train and validation"):
         assert_disjoint(media(load_recipe("through-slab", FAST)))
-
-
-@pytest.mark.parametrize("name", [name for name in recipe_names() if hasattr(load_recipe(name), "objects")])
-def test_no_object_source_is_in_two_splits(name):
-    family = load_recipe(name).objects  # type: ignore[attr-defined]
-    if not isinstance(family, ListedFamily):  # their sources are drawn, and no list holds them all
-        assert_disjoint({split: {family.source(0, split, index) for index in range(400)} for split in SPLITS})
-        return
-    assert isinstance(family, ListedFamily)
-    assert_disjoint({split: set(family.sources_of_split(split)) for split in SPLITS})
-    for split in SPLITS:
-        shown = {family.source(0, split, index) for index in range(200)}
-        assert shown <= set(family.sources_of_split(split))
-
-
-@pytest.mark.parametrize("family", [Glyphs(disjoint="character"), Digits(), Photographs(), Points(), Bars()])
-def test_no_source_of_any_family_is_shown_in_two_splits(family):
-    assert_disjoint({split: {family.source(seed, split, n) for seed in (0, 1) for n in range(150)} for split in SPLITS})
-
-
-def test_no_picture_of_a_folder_is_in_two_splits(tmp_path):
-    rng = np.random.default_rng(0)
-    for n in range(12):
-        np.save(tmp_path / f"{n}.npy", rng.random((5, 5)))
-        np.save(tmp_path / f"copy of {n}.npy", np.load(tmp_path / f"{n}.npy"))
-    family = Folder(path=str(tmp_path), shape=(5, 5))
-    shown = {s: {family.image(0, s, n).tobytes() for n in range(40)} for s in SPLITS}
-    assert sum(map(len, shown.values())) == 12
-    assert_disjoint(shown)
 
 
 def test_material_ranges_of_the_splits_do_not_meet():

@@ -64,15 +64,6 @@ def test_images_are_over_the_power_that_the_lens_takes():
     assert_z(np.mean(power), expected, np.hypot(spread, error * expected), degrees=23)
 
 
-def test_planes_differ_and_media_do():
-    recipe = recipe_of()
-    one, other = (recipe.sample(0, "train", n) for n in (0, 1))
-    assert not np.array_equal(one["stack"][0], one["stack"][1])
-    assert one["focus"][0] != other["focus"][0]
-    assert "path sums" in recipe.rendering_note
-    assert set(recipe.layout()) == {"stack", "focus", "parameters"}
-
-
 @pytest.mark.parametrize(("changes", "message"), [
     ({"lens": TABLE["lens"] | {"step": 0.0}}, r"Objective\.step must be other than 0"),
     ({"lens": TABLE["lens"] | {"aperture": 0.9}}, r"Imaging\.aperture must be below 0\.7071"),

@@ -6,7 +6,7 @@ from refusals import assert_refused
 from zscore import assert_mean, refute_mean
 
 from specklegen.coherence.transmission import transmission_matrix
-from specklegen.datasets import SpeckleStream, load_recipe
+from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.masked_light import slit_loops
 from specklegen.datasets.split import Purpose, substream
 
@@ -129,13 +129,6 @@ def test_waves_of_a_star():
 ])  # fmt: skip
 def test_stars_refused(change, message):
     assert_refused(lambda: load_recipe("star-behind-slab", {"mask": change}), message)
-
-
-def test_it_streams():
-    batch = next(iter(SpeckleStream(recipe(), batch_size=4)))
-    assert batch["image"].shape == (4, 48, 48)
-    assert batch["mask"].shape == (4, 64, 64)
-    assert len(set(batch["parameters"]["slit_width"].tolist())) == 4
 
 
 @pytest.mark.parametrize(("changes", "message"), [

@@ -73,7 +73,3 @@ def test_a_tolerance_of_one_percent_is_found_wrong():
     """Power: the default of older recipes is 1.3 % off here."""
     with pytest.raises(AssertionError, match="C_I is off by"):
         assert_right(*correlations(recipe_of("four ranges", 0.01)))
-
-
-def test_every_recipe_of_one_angular_size_has_that_tolerance():
-    assert [load_recipe(name).mode_tolerance for name in ("one-angular-size", "any-object")] == [0.001, 0.001]

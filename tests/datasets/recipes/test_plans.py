@@ -19,8 +19,6 @@ from specklegen.datasets.recipes.parts.sampler import NUMBERS
 from specklegen.datasets.recipes.parts.viewing import Viewing
 from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.split import Purpose, substream
-from specklegen.datasets.store.generate import generate
-from specklegen.datasets.store.store import Store
 from specklegen.samplers.path_sums.media import PathImaging, division_weights
 from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.samplers.screens.sampler import Screens
@@ -122,19 +120,6 @@ def test_path_sums_are_those_of_the_engine():
     other = sg.render(scene, paths=2000, seed=9, sampler="paths").field
     wrong = np.tensordot(light.ravel(), np.square(np.abs(other)), axes=1)
     assert not np.allclose(found, wrong, rtol=0.1)
-
-
-def test_pixels_average_over_their_area():
-    """Views a sixth of a grain apart or closer, averaged pixel by pixel: as a finer grid averaged by hand."""
-    recipe = load_recipe("tilt-stack", changed(TILTED, NARROW, {"exposure": {"photons": 1e4}}))
-    ready = recipe.prepare(0, "train", 0)
-    imaging, (seed,) = ready.imaging, ready.seen.seeds
-    assert imaging.divisions == 3  # three pixels a grain
-    stack = sg.render(imaging.sampler.scene, paths=2000, seed=seed, sampler="paths").intensity
-    weights = np.array([3, 2, 3]) / 8
-    expected = np.einsum("trnsm,n,m->trs", stack.reshape(-1, 16, 3, 16, 3), weights, weights)
-    found = ready.images(np.ones((1, 1))) * imaging.unit
-    assert np.allclose(found, expected, rtol=2e-3, atol=1e-3 * expected.mean())  # of half precision, and of the sum
 
 
 @pytest.mark.parametrize("profile", ["square", "gaussian"])
@@ -262,50 +247,10 @@ def test_what_path_sums_do_not_model_is_refused(name, more, words):
         load_recipe(name, changed(SMALL, NARROW, more)).sample(0, "train", 0)
 
 
-def test_stores_and_cards_say_what_rendered_them(tmp_path):
-    recipe = load_recipe("through-slab", changed(SMALL, NARROW))
-    generate(recipe, folder=tmp_path / "narrow.zarr", samples=2, processes=1)
-    assert "Rendered by path sums" in Store(tmp_path / "narrow.zarr").attributes["rendering"]
-    assert "Rendered by path sums" in (tmp_path / "narrow.card.md").read_text()
-
-
 def test_workers_need_not_plan_again():
     recipe = load_recipe("through-slab", SMALL)
     SpeckleStream(recipe)
     assert "rendering" in pickle.loads(pickle.dumps(recipe)).__dict__
-
-
-class ScreenedOfPlans(sg.Scatterer):
-    """A phase function of somebody's own: that of a screened charge."""
-
-    concentration: float
-
-    def shape(self, cos, dimensions=3):  # noqa: ARG002
-        """Amplitude 1 / (1 + a (1 - cos))."""
-        return 1 / (1 + self.concentration * (1 - np.asarray(cos)))
-
-
-def test_a_scatterer_of_ones_own_goes_everywhere():
-    """Path sums, stationary sampler, memory curve, a recipe, and the stream."""
-    slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=ScreenedOfPlans(concentration=20.0))
-    scene = sg.Scene(
-        wavelength=0.5, medium=slab, illumination=sg.CollimatedBeams.tilts([0.0, 1e-5], width=50_000.0),
-        sensor=sg.FarField.grid(shape=(24, 24), pitch=3e-6),
-    )  # fmt: skip
-    for sampler in ("paths", "stationary"):
-        stack = sg.render(scene, paths=2000, sampler=sampler)
-        assert stack.report.sampler == sampler
-        assert np.isfinite(stack.field).all()
-    curve = sg.memory_effect(slab, wavelength=0.5, tilts=np.array([0.0, 1e-5, 1e-3]), paths=20_000)
-    assert curve.intensity[0] == pytest.approx(1.0)
-    assert curve.intensity[2] < curve.intensity[1]
-    own = {"material": {"scatterer": {"type": "ScreenedOfPlans", "concentration": {"uniform": [10.0, 30.0]}}}}
-    recipe = load_recipe("through-slab", changed(SMALL, own, {"media": "new"}))
-    batch = next(iter(SpeckleStream(recipe, batch_size=4)))
-    drawn = batch["parameters"]["scatterer_concentration"].numpy()
-    assert len(set(drawn)) == 4
-    assert ((10 <= drawn) & (drawn <= 30)).all()
-    assert batch["image"].shape == (4, 16, 16)
 
 
 def test_path_sums_need_no_room_for_the_stationary_sampler(monkeypatch):

@@ -1,6 +1,5 @@
 """Recipes of thin screens: planned, streamed and judged as all others, under an envelope that moves with each beam."""
 
-import json
 import pickle
 from dataclasses import replace
 
@@ -8,12 +7,9 @@ import numpy as np
 import pytest
 from refusals import assert_refused
 from screen_objects import screen_objects
-from typer.testing import CliRunner
 
 import specklegen as sg
-from specklegen.cli.commands import app
 from specklegen.datasets import load_recipe
-from specklegen.models.recoverability.verdict import recoverable
 from specklegen.samplers.screens.film import frame_correlation
 from specklegen.scene.window import Window
 from specklegen.synthesis.object_envelope import TOLERANCE
@@ -155,46 +151,12 @@ def test_a_laboratory_gives_the_wavelength():
     assert material.correlation.wavelength == recipe.wavelength
 
 
-def test_recoverable_judges_screens_with_their_envelope():
-    verdict = recoverable("double-diffuser", media=1)
-    assert 0 <= verdict.probability <= 1
-    assert verdict.numbers["C_I_across_object"] < 1
-
-
-def test_a_range_without_end_stays_out_of_json(tmp_path):
-    """One screen's memory-effect range is infinite, which JSON has no number for: no file and no answer may hold it."""
-    recipe = small("ground-glass", samples={"train": 2, "validation": 1, "test": 1})
-    assert recipe.sample(0, "train", 0)["parameters"]["memory_effect_range"] == np.inf
-    assert recipe.sample(0, "train", 0)["parameters"]["extent_over_range"] == 0
-    file = tmp_path / "glass.toml"
-    file.write_text(recipe.to_toml())
-    folder = str(tmp_path / "glass.zarr")
-    for line in (["generate", str(file), "--out", folder], ["verify", folder], ["info", folder]):
-        assert CliRunner().invoke(app, line).exit_code == 0
-    texts = [path.read_text() for path in (tmp_path / "glass.zarr").rglob("*.json")]
-    answer = CliRunner().invoke(app, ["recoverable", str(file), "--json"])
-    assert texts
-    for text in [*texts, answer.output]:
-        json.loads(text, parse_constant=pytest.fail)
-
-
 def test_screens_may_be_asked_for_by_name():
     asked = small("ground-glass", sampler="screens")
     plain = small("ground-glass")
     np.testing.assert_array_equal(asked.sample(0, "train", 0)["image"], plain.sample(0, "train", 0)["image"])
     with pytest.raises(sg.RuleError, match=r"HiddenObject\.sampler must be one of 'auto', 'paths'.*'screens'"):
         small("ground-glass", sampler="screen")
-
-
-def test_the_command_line_takes_every_sampler_that_the_planner_does(tmp_path):
-    (tmp_path / "scene.toml").write_text(small("ground-glass").extremes()[0].probe.to_toml())
-    words = ["render", "--scene", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--sampler"]
-    said = CliRunner().invoke(app, [*words, "screens"])
-    assert said.exit_code == 0, said.output
-    assert "Sampler: screens" in said.output
-    refused = CliRunner().invoke(app, [*words, "screen"])
-    assert isinstance(refused.exception, sg.RuleError)
-    assert "sampler must be one of" in str(refused.exception)
 
 
 @pytest.mark.parametrize("speed", [0.01, 1.0, 5.0])

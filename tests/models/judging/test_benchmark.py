@@ -17,7 +17,7 @@ from specklegen.core.errors import RuleError
 from specklegen.datasets.loading.stream import tensors
 from specklegen.models import benchmark
 from specklegen.models.judging import baselines
-from specklegen.models.judging.benchmark import BASELINES, OF_SOME, TOLD, blinded
+from specklegen.models.judging.benchmark import BASELINES, TOLD, blinded
 from specklegen.models.judging.fitted import fitted
 from specklegen.models.judging.isolation import Limits
 from specklegen.models.judging.results import DIGITS, SHOWN, Results
@@ -105,11 +105,6 @@ def test_functions_get_what_they_deserve(found):
     assert results.interval("mean image", "thin").high < 0.7 < results.interval("knows", "thin").low
     assert results.score("knows") == results.interval("knows", "thin").mean
     assert told == [(16, 18), (18, 18)]
-
-
-def test_fewer_samples_are_the_first_ones(found, thin):
-    few = benchmark(knowing(thin), tasks=["thin"], samples=3).evaluations["thin"].values["yours"]["sharp"]["psnr"]
-    np.testing.assert_array_equal(few, found[0].evaluations["thin"].values["knows"]["sharp"]["psnr"][:3])
 
 
 def test_a_function_sees_nothing_of_the_object_but_its_image(thin, batch):
@@ -266,14 +261,6 @@ def test_tables_say_what_they_are(found, tmp_path):
     row = next(r for r in rows if (r["method"], r["target"], r["score"]) == ("mean image", "sharp", "pearson"))
     assert float(row["mean"]) == results.interval("mean image", "thin").mean
     assert "| thin |" in (tmp_path / "results.md").read_text()
-
-
-def test_every_baseline_is_made_for_a_task(thin, batch):
-    for name, make in BASELINES.items():
-        if name not in OF_SOME:
-            made = make(thin)(blinded(batch, thin))
-            assert made.shape[0] == 3, name
-            assert torch.isfinite(made).all(), name
 
 
 def test_scores_stand_beside_their_chance(found, tmp_path):

@@ -4,7 +4,6 @@ import json
 import re
 
 import pytest
-import torch
 from refusals import assert_refused
 from scenes import ROOT
 from typer.testing import CliRunner
@@ -106,17 +105,3 @@ def test_entries_of_a_run_are_files(run, tmp_path):
     run.write(tmp_path)
     (one,) = read_entries(tmp_path / "entries")
     assert one.name == "mine"
-
-
-def test_a_folder_without_entries_has_no_table(tmp_path):
-    result = CliRunner().invoke(commands.app, ["benchmark", "--table", str(tmp_path)])
-    assert "a folder with entries" in str(result.exception)
-
-
-def test_nothing_is_an_entry_of_nothing():
-    even = benchmark({"even": lambda batch: torch.ones(len(batch["object"]), 5, 5)}, tasks=["thin"], samples=2)
-    one = entry(even, "even")
-    assert one.tasks["thin"].pearson.mean == 0
-    assert one.tasks["thin"].unanswered == 0
-    broken = benchmark({"broken": lambda batch: 1 / 0}, tasks=["thin"], samples=2)
-    assert entry(broken, "broken").tasks["thin"].unanswered == 2

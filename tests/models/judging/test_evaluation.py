@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from PIL import Image
 from refusals import assert_refused
 from typer.testing import CliRunner
 
@@ -16,7 +15,7 @@ from specklegen.datasets import load_recipe
 from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.objects.outlines import CHARACTERS
 from specklegen.models.judging import baselines, evaluation
-from specklegen.models.judging.charts import Note, contact_sheet, score_curves, training_curves
+from specklegen.models.judging.charts import contact_sheet, score_curves
 from specklegen.models.judging.unseen import character_of, seen_by, unseen
 from specklegen.models.learning import examples
 from specklegen.models.learning.reconstructor import load_pretrained
@@ -161,11 +160,6 @@ def test_cases_are_in_the_order_of_their_scores(judged):
     assert ranked == sorted(ranked, reverse=True)
 
 
-def test_curves_of_a_run(tmp_path):
-    rows = [{"seconds": 60.0 * n, "train_loss": 1 / n, "validation_pearson": 1 - 1 / n} for n in (1, 2, 3)]
-    assert training_curves({"unet": rows}, tmp_path / "curves.png").stat().st_size > 5000
-
-
 def test_nothing_to_judge_is_refused(batch):
     """Before anything is rendered or reconstructed."""
 
@@ -288,18 +282,3 @@ def test_train_and_evaluate_from_the_command_line(tmp_path):
     said = CliRunner().invoke(commands.app, [*map(str, words), "--solver", *changes, "--set", "objects.shape=[32,32]"])
     assert "evaluate --solver must be for objects of at most 28 pixels" in str(said.exception)
     assert (tmp_path / "e" / "cases.png").stat().st_size > 5000
-
-
-def test_a_sheet_frames_what_its_notes_call_wrong(tmp_path):
-    """One of two answers: there is red in the picture, and none where no note says so."""
-    square = np.zeros((8, 8))
-    square[2:5, 2:5] = 1.0
-    cases = [evaluation.Case(square, square, {"a": square}, {"a": 1.0})] * 2
-
-    def red(**notes):
-        pixels = np.asarray(Image.open(contact_sheet(cases, tmp_path / "sheet.png", **notes)).convert("RGB"), int)
-        return ((pixels[..., 0] > 180) & (pixels[..., 1] < 80)).sum()
-
-    assert red() == red(notes={"a": [Note("W"), Note("H")]}) == 0
-    once = red(notes={"a": [Note("W"), Note("H", wrong=True)]})
-    assert 100 < once < red(notes={"a": [Note("W", wrong=True)] * 2})

@@ -34,11 +34,6 @@ def test_unet_has_the_stated_size(side, fold, width):
     assert parameter_count(net) == count_by_hand(width, side, fold)
 
 
-def test_dense_net_has_one_hidden_layer():
-    net = build("dense", 64, (28, 28), 4, seed=0)
-    assert parameter_count(net) == (2 * 64 * 64 + 1) * 64 + (64 + 1) * 784
-
-
 def test_residual_net_has_the_stated_size():
     units, lags = 16 * 4, 28 * 55
     block = 2 * units + (units + 1) * 2 * units + (2 * units + 1) * units

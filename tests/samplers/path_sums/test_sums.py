@@ -60,16 +60,6 @@ def test_direct_sum_is_the_literal_sum(reverse, profile, side):
     assert relative(found * np.exp(1e-9j), expected) > 1e-10
 
 
-def test_direct_sum_does_not_depend_on_threads():
-    medium = slab()
-    beams = sg.CollimatedBeams.tilts([0.0, 0.1], width=100.0)
-    bank = trace(medium, beam_proposal(medium, beams, AXIS), 1, 100)
-    layout, phases = beam_layout(0.5, medium, beams), random_phases(bank, 2)
-    views = sg.FarField.grid(shape=(31, 17), pitch=0.01).directions.reshape(-1, 3)
-    one = direct(bank, layout, phases, views, threads=1)
-    assert one.tobytes() == direct(bank, layout, phases, views, threads=2).tobytes()
-
-
 def test_phases_keep_to_2e_7_radians_at_a_thickness_of_1e8_over_k():
     wavelength = 0.5
     thickness = 1e8 * wavelength / (2 * np.pi)
@@ -273,19 +263,6 @@ def test_nufft_on_any_grid(name, tolerance):
     error = compare(grid, tolerance, medium=medium, width=8e4, tilts=[[0.0, 0.0], [1e-4, -2e-4], [0.01, 0.02]])
     assert error is not None
     assert error < 1.5 * tolerance
-
-
-def test_nufft_threads_do_not_matter():
-    beams = sg.CollimatedBeams.tilts([0.0, 1e-4], width=1e5)
-    grid = sg.FarField.grid(shape=(20, 21), pitch=2e-5)
-    layout = beam_layout(1.0, EXAMPLE, beams)
-    bank = trace(EXAMPLE, beam_proposal(EXAMPLE, beams, AXIS), 1, 500)
-    summation = build_nufft_plan(layout, bank, grid, 1e-3)
-    assert summation is not None
-    assert summation.rank > 2
-    phases = random_phases(bank, 3)
-    one, two = (nufft_field(layout, bank, phases, summation, threads=n) for n in (1, 2))
-    assert one.tobytes() == two.tobytes()
 
 
 SINGLE_TILTS = {"narrow": [0.0, 1e-4], "wide": [0.0, 0.3, 0.5]}

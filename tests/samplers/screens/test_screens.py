@@ -169,11 +169,6 @@ def test_scenes_of_screens_are_lit_by_beams_and_seen_in_transmission():
     assert_refused(lambda: scene.replace(sensor=sg.FarField.grid((8, 8), 1e-4, side="reflection")), "transmission")
 
 
-def test_scenes_of_screens_come_back_from_json():
-    scene = grid_scene(sg.GroundGlass(angle=0.2))
-    assert sg.Scene.from_json(scene.canonical_json()) == scene
-
-
 @pytest.mark.parametrize("glass", [sg.GroundGlass(grit=220), sg.GroundGlass(angle=0.26)])
 def test_a_ground_glass_scatters_as_wide_as_it_says_at_any_wavelength_and_unit(glass):
     for wavelength in (0.4, 0.8):
@@ -193,8 +188,3 @@ def test_a_ground_glass_that_is_not_known_is_refused(fields, says):
 def test_a_screen_is_given_one_way_and_a_stack_has_its_gaps():
     assert_refused(lambda: sg.PhaseScreen(correlation_length=5.0, rms_phase=1.0, index=1.5), "rms_height and index")
     assert_refused(lambda: sg.ScreenStack(screens=DOUBLE.screens, gaps=()), "1 numbers for 2 screens")
-
-
-def test_a_scene_of_screens_can_be_drawn():
-    words = [text.get_text() for text in grid_scene(DOUBLE).plot().texts]
-    assert words.count("3 rad") == 2

@@ -141,15 +141,6 @@ def test_what_goes_straight_is_that_of_the_slab():
     assert drawn.field.shape == (3, 8, 8)
 
 
-def test_plans_tell_of_steps():
-    told = sg.plan(scene_of(TWO), paths=1000).explain()
-    assert "layers that refract, seen along the axis: its correlations are off by" in told
-    assert "matched to the surroundings" not in told
-    asked = sg.plan(scene_of(TWO), rel_error=0.01)
-    assert asked.sampler == "stationary"
-    assert asked.paths > 1000
-
-
 def test_the_image_of_an_object_behind_layers_that_refract():
     """As bright in the mean as behind the slab that they are, within the errors of 20 000 paths and 16 images."""
     hidden = sg.IncoherentObject(brightness=np.ones((3, 3)), pitch=2e-4, width=8000.0)
