@@ -65,10 +65,6 @@ def source_key(source: Source) -> str:
     return "/".join(map(str, source))
 
 
-def _is_family(found: Any) -> bool:
-    return isinstance(found, type) and issubclass(found, ObjectFamily)
-
-
 class ObjectFamily(Registered):
     """A family of hidden objects, by its ``type``, the name of the class. Subclass it for one of your own.
 
@@ -78,7 +74,7 @@ class ObjectFamily(Registered):
         (rows, columns) of an object.
     """
 
-    registry: ClassVar = Registry("family of objects", _is_family)
+    registry: ClassVar = Registry("family of objects")
     label_names: ClassVar[tuple[str, ...]] = ("label",)
     """Names of what :meth:`labels` tells."""
     type: Any = None

@@ -29,10 +29,6 @@ else:
     _generators = LazyModule("specklegen.datasets.recipes.generator")
 
 
-def _is_kind(found: Any) -> bool:
-    return isinstance(found, type) and issubclass(found, Recipe)
-
-
 @dataclass(frozen=True)
 class Medium:
     """A medium, ready to be looked through. Made by ``recipe.prepare``.
@@ -136,7 +132,7 @@ class Recipe(RecipeMedia):
     (128, 128)
     """
 
-    registry: ClassVar = Registry("kind of recipe", _is_kind)
+    registry: ClassVar = Registry("kind of recipe")
     name_key: ClassVar = "kind"
 
     def _draw(self, axes: Any, label: str | None = None) -> None:

@@ -171,11 +171,6 @@ def target_of(owner: str, target: object, step: float) -> Target:
     return Target(lags / lags.sum(), step, (light.shape[0], light.shape[1]))
 
 
-def ranges_of(target: Target) -> np.ndarray:
-    """Ranges that are tried first, camera pixels."""
-    return np.geomspace(_REACH[0] * target.step, _REACH[1] * target.extent, _STEPS)
-
-
 def profile_of(
     target: Target, quick: Callable[[list[Target]], np.ndarray],
     fitted: Callable[[float, Fall], tuple[float, Fall, np.ndarray]],
@@ -196,7 +191,7 @@ def profile_of(
     tiles
         How many there are.
     """
-    tried = ranges_of(target)
+    tried = np.geomspace(_REACH[0] * target.step, _REACH[1] * target.extent, _STEPS)  # camera pixels
     first = np.array([quick([target.behind(reach, fall) for fall in _FALLS]) for reach in tried])
     costs, falls = first.min(1), [_FALLS[n] for n in first.argmin(1)]
     n = int(np.clip(costs.argmin(), 1, len(tried) - 2))

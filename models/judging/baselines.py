@@ -146,7 +146,9 @@ def katz(
                 about = dict(side=float(settings.extent or FRAME), grain=seen.grain[n : n + 1])
                 chosen = choice(lags, c_i, seen.variance[n : n + 1], **about)[0] if division == "expected" else division
                 lags = lags * weights(lags, c_i, seen.variance[n : n + 1], guess=chosen, **about)
-            transfer = transfer_function(FRAME, grains, _profile(recipe)) if apodise else None
+            transfer = None
+            if apodise:
+                transfer = transfer_function(FRAME, grains, "square" if recipe is None else recipe.profile)
             images.append(retrieve(lags, settings, transfer=transfer, seed=seed).image)
         return torch.cat(images)
 
@@ -239,7 +241,3 @@ def seen_lags(batch: Batch, camera: Stated = "unknown", profile: Profile | None 
     peak = every[..., 0, 0].clamp_min(torch.finfo(every.dtype).tiny)
     lags = resampled_lags(torch.fft.fftshift(every / peak[:, None, None], dim=(-2, -1)), step, FRAME)
     return SeenLags(torch.fft.ifftshift(without_background(lags), dim=(-2, -1)), variance / peak.square(), grain)
-
-
-def _profile(recipe: HiddenObject | None) -> Profile:
-    return "square" if recipe is None else recipe.profile

@@ -38,30 +38,20 @@ from specklegen.models.likelihood.likelihood import LEAST
 from specklegen.models.likelihood.spectrum import Transforms, autocorrelation_of, transforms
 from specklegen.scene.window import Profile, Window
 
-
-def _bandwidth(recipe: HiddenObject) -> float:
-    return recipe.light.bandwidth or (0.0 if recipe.lab is None else recipe.lab.bandwidth)
-
-
-def _sharp(recipe: HiddenObject) -> str:
-    return "square or disc" if Window(recipe.profile, 1.0).sharp else recipe.profile
-
-
-def _sampler(recipe: HiddenObject) -> str:
-    return "chosen for each medium" if recipe.rendering is None else recipe.rendering.name
-
-
 _RULES: tuple[tuple[str, str, Callable[[Any], Any], Any, str], ...] = (
     ("recipe", 'of kind "hidden-object", one image of an object', lambda r: getattr(r, "kind", type(r).__name__),
      "hidden-object", "Stacks of few tilts are as cheap to render as to draw."),
     ("recipe", "of a kind of the package's own", type, HiddenObject, "Of a class of your own no law is known."),
-    ("recipe.light.bandwidth", "0: of light of one wavelength", _bandwidth, 0.0, "Render the others."),
-    ("recipe.window.profile", "square or disc", _sharp, "square or disc",
+    ("recipe.light.bandwidth", "0: of light of one wavelength",
+     lambda r: r.light.bandwidth or (0.0 if r.lab is None else r.lab.bandwidth), 0.0, "Render the others."),
+    ("recipe.window.profile", "square or disc",
+     lambda r: "square or disc" if Window(r.profile, 1.0).sharp else r.profile, "square or disc",
      "Render images behind Gaussian windows: the law of these inputs has not been held against them."),
     ("recipe.exposure", "left out: of images without noise", lambda r: r.exposure, None,
      "A network takes noise off its input, so that it may be trained without."),
     ("recipe.bench", "left out", lambda r: r.bench, None, "Render samples of differing benches."),
-    ("recipe.sampler", "one by which all media are stationary", _sampler, "stationary",
+    ("recipe.sampler", "one by which all media are stationary",
+     lambda r: "chosen for each medium" if r.rendering is None else r.rendering.name, "stationary",
      "Path sums and thin screens are rendered."),
 )  # fmt: skip
 """Field, rule, what a recipe has, what it must have, remedy; in the order in which they are asked."""

@@ -197,11 +197,12 @@ def residual(conditions: Conditions) -> Residual:
     shown = np.fft.ifft2(objects * passed).real
     overlap = np.square(np.sqrt(wanted * power).sum((1, 2)))
     overlap /= np.maximum(wanted.sum((1, 2)) * power.sum((1, 2)), 1e-300)
+    bright = (shown > 0.5 * shown.max((1, 2), keepdims=True)).sum((1, 2)) / GRID**2
     return Residual(
         noise=float(np.sqrt(np.minimum(noisy, 1e4)).mean() / 2),
         distortion=float(np.sqrt((1 - overlap).clip(0, 1)).mean()),
         complexity=float(np.exp(np.log(_bright_grains(shown, passed)).mean())),
-        bright_area=float(np.exp(np.log(_bright_area(shown)).mean())),
+        bright_area=float(np.exp(np.log(bright).mean())),
         window_over_camera=float(np.sqrt(np.square(kept).sum() / pixels) / 2),
     )
 
@@ -216,10 +217,6 @@ def _spectra(conditions: Conditions, window: int) -> np.ndarray:
 def _bright_grains(shown: np.ndarray, passed: np.ndarray) -> np.ndarray:
     spread = np.fft.ifft2(passed).real
     return np.square(shown.sum((1, 2))) / np.square(shown).sum((1, 2)) * np.square(spread).sum() / spread.sum() ** 2
-
-
-def _bright_area(shown: np.ndarray) -> np.ndarray:
-    return (shown > 0.5 * shown.max((1, 2), keepdims=True)).sum((1, 2)) / GRID**2
 
 
 def saturated(seen: np.ndarray, noise: float, level: float) -> tuple[np.ndarray, np.ndarray]:

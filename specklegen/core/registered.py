@@ -39,6 +39,8 @@ class Registered(Admitted):
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
         super().__pydantic_init_subclass__(**kwargs)
+        if "registry" in vars(cls):
+            cls.registry.root = cls
         if not cls.is_member():
             return
         field = cls.model_fields.get(cls.name_key)

@@ -114,13 +114,20 @@ class Registry(Generic[T]):
     what
         The kind, as errors name it.
     accepts
-        Whether something that an import path names is a member.
+        Whether something that an import path names is a member; by default subclasses of ``root`` are.
     members
         Those known from the beginning.
     """
 
-    def __init__(self, what: str, accepts: Callable[[Any], bool], members: Mapping[str, T] | None = None) -> None:
-        self.what, self._accepts, self._members = what, accepts, dict(members or {})
+    root: type = object
+
+    def __init__(
+        self, what: str, accepts: Callable[[Any], bool] | None = None, members: Mapping[str, T] | None = None
+    ) -> None:
+        self.what, self._accepts, self._members = what, accepts or self._is_subclass, dict(members or {})
+
+    def _is_subclass(self, member: Any) -> bool:
+        return isinstance(member, type) and issubclass(member, self.root)
 
     def add(self, name: str, member: T) -> None:
         """Make a member known; one of the same module and name takes the place of the old one, as in a notebook.

@@ -120,11 +120,6 @@ def shown(state: State) -> list[str]:
     ]
 
 
-def state_of(address: Mapping[str, str]) -> State:
-    """State that an address holds: numbers go to the nearest step, what it does not hold or say well to the default."""
-    return read(address)[0]
-
-
 def read(address: Mapping[str, str]) -> tuple[State, tuple[str, ...]]:
     """State that an address holds, and a sentence for each word of it that is not shown as it was asked for."""
     chosen, remarks, begins = {}, [], State()

@@ -74,10 +74,6 @@ class NoiseStreams(NamedTuple):
         return cls(*([noise, len(words), *words] for noise in range(1, len(cls._fields) + 1)))
 
 
-def _is_camera(found: Any) -> bool:
-    return isinstance(found, type) and issubclass(found, Camera)
-
-
 class Camera(Registered):
     """A camera and its exposure. Subclass it for an effect of your own.
 
@@ -118,7 +114,7 @@ class Camera(Registered):
     (255.0, 1020.0)
     """
 
-    registry: ClassVar = Registry("camera", _is_camera)
+    registry: ClassVar = Registry("camera")
 
     photons: Annotated[float, Field(gt=0, le=MOST_ELECTRONS)]
     oversampling: PositiveInt = 1

@@ -37,10 +37,6 @@ from specklegen.scene.scatterers import AnyScatterer, Mixture, Scatterer
 from specklegen.scene.unitless import unitless_fingerprint
 
 
-def _is_stratified(found: Any) -> bool:
-    return isinstance(found, type) and issubclass(found, Stratified)
-
-
 class Layer(Value):
     """One layer of a medium, homogeneous.
 
@@ -204,7 +200,7 @@ class Stratified(PlaneParallel, Registered):
     7.5
     """
 
-    registry: ClassVar = Registry("medium of layers", _is_stratified)
+    registry: ClassVar = Registry("medium of layers")
     homogeneous: ClassVar[bool] = False
     type: Any = None
 

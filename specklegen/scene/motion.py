@@ -50,10 +50,6 @@ FLOW_COLUMNS = 12
 _ROUNDING = 1e-9  # relative, of eigenvalues: below it a root of a covariance is 0
 
 
-def _is_motion(found: Any) -> bool:
-    return isinstance(found, type) and issubclass(found, Motion)
-
-
 class Motion(Registered):
     """A law by which particles move, each by itself. Subclass it for a law of your own.
 
@@ -71,7 +67,7 @@ class Motion(Registered):
     4.0
     """
 
-    registry: ClassVar = Registry("motion", _is_motion)
+    registry: ClassVar = Registry("motion")
     type: Any = None
 
     @abstractmethod

@@ -31,10 +31,6 @@ def _says(cls: type[Sensor], name: str) -> bool:
     return name in cls.model_fields or hasattr(cls, name)
 
 
-def _is_sensor(found: Any) -> bool:
-    return isinstance(found, type) and issubclass(found, Sensor)
-
-
 class Sensor(Registered):
     """Views of a scene. Subclass it for a sensor of your own.
 
@@ -58,7 +54,7 @@ class Sensor(Registered):
     (16,)
     """
 
-    registry: ClassVar = Registry("sensor", _is_sensor)
+    registry: ClassVar = Registry("sensor")
     near: ClassVar[bool] = False
     """Whether views are points, not directions."""
     focused: ClassVar[bool] = False

@@ -47,7 +47,7 @@ class Pictured:
 
     def _fact(self, attribute: str) -> object:
         value, error = attrgetter(attribute)(self), getattr(self, f"{attribute}_error", None)
-        return with_error(value, error) if isinstance(value, float) and error is not None else value
+        return f"{value:.5g} ± {error:.2g}" if isinstance(value, float) and error is not None else value
 
     def facts(self) -> dict[str, str]:
         """Return the rows of the table that a notebook shows and a command prints: names and values as text."""
@@ -120,11 +120,6 @@ def _spread(array: np.ndarray) -> str:
     missing = array.size - values.size
     known = [f"{values.min():.4g} to {values.max():.4g}"] if values.size else []
     return ", ".join([f"{size} values", *known, *([f"{missing} undefined"] if missing else [])])
-
-
-def with_error(value: float, error: float) -> str:
-    """Write a value with its standard error: ``2.512 ± 0.004``."""
-    return f"{value:.5g} ± {error:.2g}"
 
 
 def with_interval(value: float, ends: tuple[float, float], unit: str = "") -> str:

@@ -362,7 +362,7 @@ class _Lattice:
         self.nodes = nodes
         self.x, self.y = tiling.steps
         self._t = np.cos(np.pi * (np.arange(nodes) + 0.5) / nodes)
-        x, y = (_stretch(axis, self._t) for axis in (self.x, self.y))
+        x, y = (0.5 * (s[-1] + s[0]) + 0.5 * (s[-1] - s[0]) * self._t for s in (self.x, self.y))
         yy, xx = np.meshgrid(y, x, indexing="ij")
         self.steps = np.stack([xx.ravel(), yy.ravel()], -1)
 
@@ -386,7 +386,3 @@ class _Lattice:
     def to_tile(self) -> tuple[np.ndarray, np.ndarray]:
         """Interpolation matrices to a whole tile, float64[h, nodes] and float64[w, nodes]."""
         return self._matrix(self.y, self.y), self._matrix(self.x, self.x)
-
-
-def _stretch(axis: np.ndarray, t: np.ndarray) -> np.ndarray:
-    return 0.5 * (axis[-1] + axis[0]) + 0.5 * (axis[-1] - axis[0]) * t
