@@ -93,12 +93,20 @@ def test_a_budget_ends_a_run(tmp_path):
     assert state["epoch"] < 10_000
 
 
-def test_seconds_count_everything(tmp_path):
+@pytest.fixture
+def clock(monkeypatch):
+    """Time that passes when a test says so: by the returned function, in seconds."""
+    now = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    return lambda seconds: now.__setitem__(0, now[0] + seconds)
+
+
+def test_seconds_count_everything(tmp_path, clock):
     """Batches that come slowly, and what was prepared before, use the budget up; a run that goes on counts on."""
 
     def slow(epoch, first):
         for n in range(first, 5):
-            time.sleep(0.05)
+            clock(0.05)
             yield DATA.inputs[8 * n : 8 * n + 8].float(), DATA.targets[8 * n : 8 * n + 8]
 
     settings = SETTINGS.replace(epochs=100)
@@ -106,7 +114,7 @@ def test_seconds_count_everything(tmp_path):
     spent = checkpoint(tmp_path)["spent"]
     assert 0.2 <= spent
     assert checkpoint(tmp_path)["epoch"] * 5 + checkpoint(tmp_path)["step"] <= 5 + spent / 0.05
-    train(settings, (slow, 5), HELD_OUT, tmp_path, seconds=spent + 0.1, begun=time.perf_counter() - 50)
+    train(settings, (slow, 5), HELD_OUT, tmp_path, seconds=spent + 0.1, begun=-50.0)
     assert checkpoint(tmp_path)["spent"] >= spent + 50
     assert checkpoint(tmp_path)["epoch"] == 2  # one step, and its epoch ends
 
