@@ -37,7 +37,7 @@ def test_values_are_arrays_of_one_shape():
     (lambda: ContrastVersusBandwidth([0.1], [1.3], 0.01), "ContrastVersusBandwidth contrast, number 1,", "0 to 1"),
     (lambda: ContrastVersusBandwidth([0.1], [0.3], 0.01, spectrum="lamp"), "ContrastVersusBandwidth", "flat"),
     (lambda: Transmittance(31.0, 1.0), "Transmittance value", "from 0 to 1"),
-    (lambda: Transmittance(0.31, 0.0), "Transmittance error", "greater than 0"),
+    (lambda: Transmittance(0.31, 0.0), "Transmittance error", "above 0"),
     (lambda: BallisticFraction("x", 0.1), "BallisticFraction value", "a number"),
 ])  # fmt: skip
 def test_what_no_measurement_gives_is_refused(make, field, rule):
