@@ -3,13 +3,12 @@
 The metadata is written here once, by the process that starts the work; those that fill the store open it.
 
 At an address nothing is renamed. There the first to put the group's ``zarr.json``, which holds the whole identity, has
-begun the store; the record comes last, and others wait for it, or put all of it where whoever began was killed.
+begun the store; the record comes last. Whoever puts them claims the metadata; where it was killed, another one puts
+the rest.
 """
 
 import json
-import time
 from collections.abc import Mapping
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,12 +18,11 @@ from specklegen.core.libraries import library_versions
 from specklegen.core.whole_files import making, sweep, unfinished
 from specklegen.datasets.sample_schema import Renderable
 from specklegen.datasets.store import file_names, metadata
-from specklegen.datasets.store.files import json_bytes, writing
+from specklegen.datasets.store.files import json_bytes, reaching, writing
 from specklegen.datasets.store.identity import differences, fingerprint, identity
 from specklegen.datasets.store.layout import layout_of, rendering_note
-from specklegen.datasets.store.locks import LOOK, OLD, claim
-from specklegen.datasets.store.places import is_remote, put_new
-from specklegen.datasets.store.store import METADATA, Store
+from specklegen.datasets.store.places import content, is_remote, listed, put_new
+from specklegen.datasets.store.store import Store, claim_metadata
 
 
 @dataclass(frozen=True)
@@ -68,8 +66,9 @@ def open_for(
     """
     wanted = identity(recipe, seed, split, dtype)
     if is_remote(folder):
-        if metadata.recorded(folder) is None:
-            _begin(recipe, wanted, folder, samples, shard_samples, notes)
+        with reaching(folder):
+            if metadata.recorded(folder) is None:
+                _begin(recipe, wanted, folder, samples, shard_samples, notes)
     else:
         sweep(unfinished(folder))
         if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
@@ -165,8 +164,9 @@ def mend_metadata(folder: Path, recipe: Renderable) -> str:
         If the folder is not a store of this version, or of another recipe; or nothing tells its seed any more.
     """
     metadata.reject_strangers(folder)
-    alone = nullcontext() if is_remote(folder) else claim(_with_parent(folder / "valid" / "locks"), METADATA, wait=True)
-    with writing(folder), alone:
+    if not is_remote(folder):
+        (folder / "valid").mkdir(exist_ok=True)
+    with writing(folder), claim_metadata(folder):
         try:
             metadata.read(folder)
             return ""
@@ -185,11 +185,6 @@ def _write_all(folder: Path, layout: metadata.Metadata, recipe: Renderable) -> N
     layout.write_arrays(folder, layout.samples)
     file_names.write(folder, getattr(recipe, "file_names", ()))
     layout.write(folder)
-
-
-def _with_parent(file: Path) -> Path:
-    file.parent.mkdir(exist_ok=True)
-    return file
 
 
 def _create(
@@ -217,19 +212,19 @@ def _begin(
     """Make an empty store at an address; of several at once, one begins it, and all agree on what that one says."""
     layout = layout_of(recipe, wanted, samples, shard_samples, notes)
     group = folder / "zarr.json"
-    with writing(folder):
-        if not group.exists() and any(True for _ in folder.fs.find(folder.path, maxdepth=2)):
-            return  # of somebody else: refused by whoever opens it
-        first = put_new(group, json_bytes(layout.files["zarr.json"]))
-        end = time.time() + (0 if first else OLD)
-        while time.time() < end and metadata.recorded(folder) is None:
-            time.sleep(LOOK)
+    if listed(folder, maxdepth=2) and not metadata.is_store(folder):  # in this order: the group is put first
+        return  # of somebody else: refused by whoever opens it
+    with writing(folder), claim_metadata(folder):
         if metadata.recorded(folder) is not None:
             return
-        if not first:  # it was killed meanwhile
-            attributes = json.loads(group.read_bytes()).get("attributes", {})
+        if not put_new(group, json_bytes(layout.files["zarr.json"])):  # whoever began it was killed
+            stated = json.loads(content(group) or b"{}")
+            attributes = stated.get("attributes", {})
             if attributes.get("format") != metadata.FORMAT:
                 return
             _require_same(folder, attributes, wanted)
             layout = layout_of(recipe, wanted, samples, attributes["shard_samples"], attributes["notes"])
+            lengths = metadata.lengths_of(folder, layout)
+            samples = max(samples, *(lengths.get(name, 0) for name in layout.arrays if name != "checksum"))
+            layout = metadata.Metadata(samples, samples, {**layout.files, "zarr.json": stated})
         _write_all(folder, layout, recipe)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from specklegen.core.errors import reject
+from specklegen.core.errors import ToldError, reject
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 """What the system says when nothing more can be written; the next shard would fare no better."""
@@ -25,6 +25,43 @@ def no_room(error: BaseException | None) -> bool:
             return True
         error = error.__cause__
     return False
+
+
+@contextlib.contextmanager
+def reaching(folder: Path) -> Iterator[None]:
+    """Turn the error of a file system, or of the library of an address, that gives no answer into one of the folder.
+
+    Raises
+    ------
+    RuleError
+        If it cannot be reached, or refuses: with the reason and the remedy.
+    """
+    try:
+        yield
+    except ToldError:
+        raise
+    except Exception as error:
+        rule, remedy = _refusal(error)
+        if not rule:
+            raise
+        told = f"{type(error).__name__}: {error}".strip().rstrip(".:")
+        reject("store.folder", rule, str(folder), f"The system says: {told}. {remedy}")
+
+
+def _refusal(error: Exception) -> tuple[str, str]:
+    """Name what must be so, and the remedy, by the kind of error; those of botocore are known by their names alone."""
+    kind = type(error).__name__
+    if "Credential" in kind:
+        return "at an address whose credentials are known", "Set them in the environment, or give a UPath its options."
+    if isinstance(error, PermissionError):
+        return "readable by you", "Check the permissions of the folder, or the credentials of the address."
+    if isinstance(error, TimeoutError) or "Timeout" in kind:
+        return "in a place that answers in time", "Try again, or check the network."
+    if isinstance(error, ConnectionError) or "Connect" in kind:
+        return "in a place that can be reached", "Check the address and the network."
+    if isinstance(error, ImportError):
+        return "at an address whose file system is installed", "Install the package that it names."
+    return ("readable", "Nothing was changed: try again.") if isinstance(error, OSError) else ("", "")
 
 
 @contextlib.contextmanager

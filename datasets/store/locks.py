@@ -13,7 +13,9 @@ service, and threads of one process. Elsewhere they are POSIX record locks, whic
 must not write one store at a time.
 """
 
+import logging
 import os
+import socket
 import struct
 import sys
 import threading
@@ -23,7 +25,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal
 
-from specklegen.datasets.store.places import delete, put, put_new
+from specklegen.datasets.store.places import content, delete, put, put_new
 
 try:
     import fcntl
@@ -33,13 +35,15 @@ except ImportError:  # Windows
 _OWNED = sys.platform == "linux" and hasattr(fcntl, "F_OFD_SETLK") and sys.maxsize > 2**32
 """Whether locks that belong to the open file are there, laid out as on 64 bits."""
 
+_LOG = logging.getLogger(__name__)
+
 LockState = Literal["held", "busy", "unlockable"]
 
 BEAT = 30.0
 """Seconds after which a claim at an address is dated anew."""
 
 OLD = 150.0
-"""Seconds after which one that nobody has dated anew counts no more; by the clocks of those who claim."""
+"""Seconds after which one that nobody has dated anew counts no more."""
 
 LOOK = 1.0
 """Seconds between two looks at another's claim."""
@@ -100,11 +104,20 @@ def _lock(descriptor: int, number: int, wait: bool) -> LockState:
 def claim_object(file: Any, wait: bool = False) -> Iterator[LockState]:
     """Claim what an object of this name stands for; "busy" if another process has it.
 
-    Whoever waits gets it once the other one is done, or its claim is old. Two may hold one claim where clocks differ by
-    minutes, or where the file system knows no conditional put: both then write the same bytes.
+    Whoever waits gets it once the other one is done, or its claim is old: its date is, or it has not changed while it
+    was watched for as long, whatever the clock of a machine that was killed. Two may hold one claim where a clock is
+    minutes late, or where the file system knows no conditional put: both then write the same bytes.
     """
-    while not put_new(file, _now()):
-        if _is_old(file):
+    mine, last, since = _dated(), b"", time.monotonic()
+    while not put_new(file, mine):
+        dated = content(file, expected=False)
+        if dated is None:
+            continue
+        if dated != last:
+            if wait and not last:
+                _LOG.warning("waiting for %s, claimed by another process (%s)", file, dated.decode(errors="replace"))
+            last, since = dated, time.monotonic()
+        if _is_old(dated) or time.monotonic() - since > OLD:
             delete(file)
         elif wait:
             time.sleep(LOOK)
@@ -116,7 +129,7 @@ def claim_object(file: Any, wait: bool = False) -> Iterator[LockState]:
     def beat() -> None:
         while not ended.wait(BEAT):
             with suppress(OSError):
-                put(file, _now())
+                put(file, _dated())
 
     heart = threading.Thread(target=beat, daemon=True, name=f"heartbeat of {file.name}")
     heart.start()
@@ -128,15 +141,14 @@ def claim_object(file: Any, wait: bool = False) -> Iterator[LockState]:
         delete(file)
 
 
-def _now() -> bytes:
-    return f"{time.time():.3f}".encode()
+def _dated() -> bytes:
+    """Content of a claim: the date, and who claims."""
+    return f"{time.time():.3f} process {os.getpid()} of {socket.gethostname()}".encode()
 
 
-def _is_old(file: Any) -> bool:
-    """Whether a claim is there and nobody has dated it anew."""
+def _is_old(dated: bytes) -> bool:
+    """Whether nobody has dated a claim anew for long."""
     try:
-        return float(file.fs.cat_file(file.path)) < time.time() - OLD
-    except FileNotFoundError:
-        return False
-    except ValueError:  # no date: of whoever was killed while it was written, where puts are not whole
+        return float(dated.split()[0]) < time.time() - OLD
+    except (ValueError, IndexError):  # no date: of whoever was killed while it was written, where puts are not whole
         return True

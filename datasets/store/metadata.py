@@ -17,9 +17,10 @@ from typing import Any, Self
 
 from specklegen.core.arguments import whole_number
 from specklegen.core.errors import reject
-from specklegen.core.whole_files import WAITS, patiently
-from specklegen.datasets.store.files import json_bytes
+from specklegen.core.whole_files import WAITS
+from specklegen.datasets.store.files import json_bytes, reaching
 from specklegen.datasets.store.identity import differences, fingerprint
+from specklegen.datasets.store.places import content as bytes_of
 from specklegen.datasets.store.places import put
 
 FORMAT = "specklegen store, version 2"
@@ -84,9 +85,8 @@ class Metadata:
             content = self.files[name]
             if "/" in name:
                 content = content | {"shape": [self.rows(Path(name).parent.name, samples), *content["shape"][1:]]}
-            file = folder / name
-            if not file.is_file() or file.read_bytes() != json_bytes(content):
-                put(file, json_bytes(content))
+            if bytes_of(folder / name, expected=False) != json_bytes(content):
+                put(folder / name, json_bytes(content))
 
 
 def _record(folder: Path) -> Path:
@@ -103,7 +103,8 @@ def require_bounded(field: str, samples: int, shard_samples: int) -> None:
 
 def is_store(folder: Path) -> bool:
     """Whether a folder is meant as a store, be it a damaged one."""
-    return (folder / "zarr.json").is_file() or _record(folder).is_file()
+    with reaching(folder):
+        return any(bytes_of(file, expected=False) is not None for file in (folder / "zarr.json", _record(folder)))
 
 
 def recorded(folder: Path) -> Metadata | None:
@@ -113,10 +114,7 @@ def recorded(folder: Path) -> Metadata | None:
 
 def _bytes(file: Path) -> bytes:
     """Content of a file that should be there; b"" where it is not."""
-    try:
-        return patiently(file.read_bytes)
-    except OSError:
-        return b""
+    return bytes_of(file) or b""
 
 
 def _parsed(data: bytes) -> Metadata | None:
@@ -157,9 +155,15 @@ def read(folder: Path) -> Metadata:
         time.sleep(wait)
 
 
+def lengths_of(folder: Path, there: Metadata) -> dict[str, int]:
+    """Lengths of the arrays as their files state them, of those that are there."""
+    contents = {name: _json(folder / name / "zarr.json") for name in there.arrays}
+    return {name: content["shape"][0] for name, content in contents.items() if content is not None}
+
+
 def disagreed(folder: Path, there: Metadata) -> int | None:
     """Return the greatest of the lengths that the record of a store and its arrays state; None where all agree."""
-    lengths = {name: _json(folder / name / "zarr.json")["shape"][0] for name in there.arrays}
+    lengths = lengths_of(folder, there)
     if there.room == there.samples and all(lengths[name] == there.rows(name, there.samples) for name in lengths):
         return None
     return max(there.room, *(length for name, length in lengths.items() if name != "checksum"))
@@ -170,7 +174,7 @@ def reject_strangers(folder: Path) -> None:
     if is_store(folder) and recorded(folder) is not None:
         return
     content = _json(folder / "zarr.json") if is_store(folder) else None
-    if not (folder / "zarr.json").is_file():
+    if bytes_of(folder / "zarr.json", expected=False) is None:
         reject("store.folder", "a folder that holds a store", str(folder), "Make one with generate.")
     attributes = content.get("attributes") if isinstance(content, dict) else {}
     stated = attributes.get("format") if isinstance(attributes, dict) else None
@@ -196,7 +200,7 @@ def _faults(folder: Path, there: Metadata) -> Iterator[str]:
     for name, expected in there.files.items():
         content = _json(folder / name)
         if not isinstance(content, dict):
-            yield f"{name} ({'damaged' if (folder / name).is_file() else 'missing'})"
+            yield f"{name} ({'missing' if bytes_of(folder / name, expected=False) is None else 'damaged'})"
             continue
         if "/" in name:
             allowed = [there.rows(name.partition("/")[0], n) for n in (there.samples, there.room)]

@@ -68,12 +68,20 @@ def put(file: Any, data: bytes, *, sweeping: bool = True) -> None:
         write_whole(file, data, sweeping=sweeping)
 
 
-def content(file: Any) -> bytes:
-    """Return what a file holds, a word where there is none."""
+def content(file: Any, *, expected: bool = True) -> bytes | None:
+    """Return the bytes of a file, None where there is none; one that is expected is waited for, if but shortly.
+
+    It is read, not looked for, and in one request: file systems of addresses answer from lists that other processes
+    have made untrue, and refuse an object that is replaced after they opened it.
+    """
+
+    def read() -> bytes:
+        return file.fs.cat_file(file.path) if is_remote(file) else file.read_bytes()
+
     try:
-        return patiently(file.read_bytes)
-    except FileNotFoundError:
-        return b"absent"
+        return patiently(read) if expected else read()
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
+        return None
 
 
 def put_new(file: Any, data: bytes) -> bool:
@@ -98,10 +106,19 @@ def delete(file: Any) -> None:
         file.unlink()
 
 
+def listed(folder: Any, **options: Any) -> dict[str, Any]:
+    """List the files under an address anew: its file system keeps lists, which other processes make untrue."""
+    folder.fs.invalidate_cache()
+    try:
+        return folder.fs.find(folder.path, detail=True, **options)
+    finally:
+        folder.fs.invalidate_cache()
+
+
 def stored_bytes(folder: Any) -> int:
     """Sum the lengths of the files under a folder or an address; files that vanish meanwhile count nothing."""
     if is_remote(folder):
-        return sum(int(file["size"] or 0) for file in folder.fs.find(folder.path, detail=True).values())
+        return sum(int(file["size"] or 0) for file in listed(folder).values())
     return sum(map(length, folder.rglob("*")))
 
 

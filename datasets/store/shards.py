@@ -21,7 +21,7 @@ from numcodecs import Blosc
 from specklegen.core.errors import ToldError
 from specklegen.core.whole_files import patiently
 from specklegen.datasets.store.encoding import ABSENT
-from specklegen.datasets.store.places import File, opened
+from specklegen.datasets.store.places import File, content, opened
 
 _OPEN_FILES = 32
 _BLOSC = Blosc()
@@ -59,14 +59,13 @@ def read_table(file: Path, dtype: np.dtype, shape: tuple[int, ...], expected: bo
     MissingSample, DamagedShard
         If the file is not there, or its bytes are not those that were written.
     """
-    try:
-        data = patiently(file.read_bytes) if expected else file.read_bytes()
-    except FileNotFoundError:
-        raise MissingSample(f"{file} is not there") from None
-    content = _checked(data, file)
-    if len(content) != int(np.prod(shape)) * dtype.itemsize:
+    data = content(file, expected=expected)
+    if data is None:
+        raise MissingSample(f"{file} is not there")
+    rows = _checked(data, file)
+    if len(rows) != int(np.prod(shape)) * dtype.itemsize:
         raise DamagedShard(f"{file} holds a table of another size; mend the store with verify --repair")
-    return np.frombuffer(content, dtype.newbyteorder("<")).reshape(shape)
+    return np.frombuffer(rows, dtype.newbyteorder("<")).reshape(shape)
 
 
 def _unpacked_length(data: bytes) -> int:

@@ -27,6 +27,7 @@ import numpy as np
 
 from specklegen.datasets.store import file_names, metadata
 from specklegen.datasets.store.encoding import is_compressed, sample_bytes, shard_bytes, table_bytes
+from specklegen.datasets.store.files import reaching
 from specklegen.datasets.store.locks import LockState, claim, claim_object
 from specklegen.datasets.store.places import content, delete, is_remote, place_of, put
 from specklegen.datasets.store.seals import seal, shard_digest
@@ -34,6 +35,13 @@ from specklegen.datasets.store.shards import ForeignShard, MissingSample, ShardF
 
 METADATA = 0
 """The byte of the file of locks that stands for the metadata; shard s is byte s + 1."""
+
+
+def claim_metadata(folder: Path) -> contextlib.AbstractContextManager[LockState]:
+    """Claim the metadata of a store, or of a place where one is about to begin, and wait."""
+    if is_remote(folder):
+        return claim_object(folder / "valid" / "claims" / "metadata", wait=True)
+    return claim(folder / "valid" / "locks", METADATA, wait=True)
 
 
 class Store:
@@ -52,7 +60,8 @@ class Store:
 
     def __init__(self, folder: str | os.PathLike) -> None:
         self.folder = place_of(folder)
-        self.metadata = metadata.read(self.folder)
+        with reaching(self.folder):
+            self.metadata = metadata.read(self.folder)
         self.attributes: dict[str, Any] = self.metadata.attributes
         self.shard_samples: int = self.attributes["shard_samples"]
         self.parameter_names: list[str] = list(self.metadata.said("parameters")["attributes"]["names"])
@@ -115,8 +124,8 @@ class Store:
         return claim(self.locks, shard + 1, wait)
 
     def claimed_metadata(self) -> contextlib.AbstractContextManager[object]:
-        """Claim the metadata, and wait; at an address nobody can, and the longest of several lengths is agreed on."""
-        return contextlib.nullcontext() if is_remote(self.folder) else claim(self.locks, METADATA, wait=True)
+        """Claim the metadata, and wait."""
+        return claim_metadata(self.folder)
 
     @property
     def locks(self) -> Path:
@@ -139,7 +148,7 @@ class Store:
 
     def digest(self, shard: int) -> bytes:
         """Return the SHA-256 of a shard as it is now: its data set, its number, its files."""
-        contents = map(content, self.files(shard))
+        contents = (content(file) or b"absent" for file in self.files(shard))
         return shard_digest(self.fingerprint, self.seed, shard, self.shard_samples, contents)
 
     def recorded_digest(self, shard: int) -> bytes:

@@ -7,6 +7,7 @@ import threading
 import time
 import warnings
 
+import fuzz_addresses
 import numpy as np
 import pytest
 from fake_recipe import FakeRecipe, assert_same
@@ -38,7 +39,6 @@ def address(request):
 @pytest.fixture
 def quick(monkeypatch):
     monkeypatch.setattr(locks, "LOOK", 0.01)
-    monkeypatch.setattr(creation, "LOOK", 0.01)
 
 
 def objects(address):
@@ -117,8 +117,9 @@ def test_whoever_begins_another_data_set_there_meanwhile_is_refused(address, qui
 
 
 def test_whoever_finds_one_that_was_begun_and_left_puts_the_rest(address, quick, monkeypatch):
-    monkeypatch.setattr(creation, "OLD", 0.05)
+    monkeypatch.setattr(locks, "OLD", 0.05)
     make(address)
+    places.put(address / "valid" / "claims" / "metadata", b"0 of whoever was killed")
     whole = objects(address)
     for name in whole.keys() - {"zarr.json"}:
         address.fs.rm(f"{address.path}/{name}")
@@ -126,6 +127,65 @@ def test_whoever_finds_one_that_was_begun_and_left_puts_the_rest(address, quick,
         make(address, seed=3)
     assert make(address)["rendered"] == 22
     assert objects(address) == whole
+
+
+def test_another_begins_the_store_between_the_looks_of_this_one(address, quick, monkeypatch):
+    """Its group appears before this one lists the folder, and the rest later: no other's folder, no damage."""
+    make(address)
+    whole = objects(address)
+    address.fs.rm(address.path, recursive=True)
+    listed, late = places.listed, []
+
+    def between(folder, **options):
+        if not late:
+            address.fs.pipe_file(f"{address.path}/zarr.json", whole["zarr.json"])
+            places.put(address / "valid" / "claims" / "metadata", f"{time.time()} of the other".encode())
+            rest = [*whole.items(), ("valid/claims/metadata", None)]
+            late.append(threading.Timer(0.3, lambda: [replaced(name, data) for name, data in rest]))
+            late[0].start()
+        return listed(folder, **options)
+
+    def replaced(name, data):
+        path = f"{address.path}/{name}"
+        address.fs.rm(path) if data is None else address.fs.pipe_file(path, data)
+
+    monkeypatch.setattr(creation, "listed", between)
+    make(address)
+    late[0].join()
+    assert objects(address) == whole
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [(PermissionError("Access Denied"), "readable by you.*credentials of the address"),
+     (type("NoCredentialsError", (Exception,), {})("Unable to locate credentials"), "credentials are known"),
+     (type("EndpointConnectionError", (Exception,), {})("Could not connect"), "can be reached.*network"),
+     (ConnectionRefusedError(111, "refused"), "can be reached"),
+     (type("ReadTimeoutError", (Exception,), {})("Read timeout"), "answers in time.*Try again"),
+     (TimeoutError(110, "timed out"), "answers in time"), (OSError(5, "Input/output error"), "readable;.*try again"),
+     (ImportError("Install s3fs to access S3"), "file system is installed.*Install s3fs")],
+)  # fmt: skip
+def test_a_place_that_gives_no_answer_says_why(address, monkeypatch, error, words):
+    make(address)
+
+    def failing(*_, **__):
+        raise error
+
+    monkeypatch.setattr(type(address.fs), "cat_file", failing)
+    for act in (SpeckleCache, make, verify, info):
+        with pytest.raises(RuleError, match=words) as told:
+            act(address)
+        assert "damaged" not in str(told.value)
+
+
+def test_a_claim_of_a_dead_machine_whose_clock_was_ahead_ends_and_is_told(address, quick, monkeypatch, caplog):
+    monkeypatch.setattr(locks, "OLD", 0.3)
+    make(address, shard_range=(0, 2))
+    places.put(address / "valid" / "claims" / "3", f"{time.time() + 86400:.3f} process 7 of elsewhere".encode())
+    assert make(address)["rendered"] == 12
+    assert "valid/claims/3, claimed by another process" in caplog.text
+    assert "process 7 of elsewhere" in caplog.text
+    assert claims(address) == []
 
 
 def test_a_claim_keeps_others_away_until_it_ends_or_is_old(address, quick, monkeypatch):
@@ -199,7 +259,7 @@ def test_processes_share_out_the_shards_of_an_address_and_a_kill_loses_nothing(t
 
     killed = start()
     end = time.time() + TIMEOUT
-    while not (tmp_path / "a.zarr/valid/claims").is_dir() and time.time() < end:
+    while not (tmp_path / "a.zarr/valid/record.json").exists() and time.time() < end:
         time.sleep(0.01)
     time.sleep(0.05)
     killed.kill()
@@ -213,6 +273,10 @@ def test_processes_share_out_the_shards_of_an_address_and_a_kill_loses_nothing(t
     assert verify(place).sound
     make(tmp_path / "b.zarr")
     assert objects(place) == contents(tmp_path / "b.zarr")
+
+
+def test_kills_of_those_who_begin_a_store(tmp_path):
+    assert fuzz_addresses.run(6, fuzz_addresses.bucket(tmp_path), tmp_path) >= 5
 
 
 @pytest.mark.parametrize("where", ["folder", "address"])

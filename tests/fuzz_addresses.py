@@ -1,0 +1,144 @@
+"""Kill -9 of those who begin and fill one store at an address, before any of their puts and deletions, several at once.
+
+    python tests/fuzz_addresses.py --trials 100                  at a bucket in a folder of this machine
+    python tests/fuzz_addresses.py --trials 100 --server         at a server of the S3 protocol (moto, s3fs)
+
+After every trial the same call ends with the bytes of an uninterrupted run, and leaves no claim. A process that was
+not killed has not failed.
+"""
+
+import argparse
+import os
+import random
+import signal
+import tempfile
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from fake_recipe import FakeRecipe
+from small_stores import contents, make
+
+from specklegen.datasets.store import locks
+from specklegen.datasets.store.verify import verify
+
+RECIPE = FakeRecipe(side=4)
+PUTS = 70
+"""Puts and deletions of a call that begins and fills a store, about."""
+
+
+@contextmanager
+def quick_claims() -> Iterator[None]:
+    """Let claims of the dead count no more after a second."""
+    before = locks.LOOK, locks.BEAT, locks.OLD
+    locks.LOOK, locks.BEAT, locks.OLD = 0.02, 0.2, 1.0
+    try:
+        yield
+    finally:
+        locks.LOOK, locks.BEAT, locks.OLD = before
+
+
+def child(place: Callable[[], Any], kill_at: int, log: Path) -> int:
+    """Fork a process that fills the store, and dies before one of its puts or deletions (0: of none)."""
+    number = os.fork()
+    if number:
+        return number
+    code = 1
+    try:
+        folder = place()
+        left = iter(range(kill_at - 1 if kill_at else 10**9))
+        for name in ("pipe_file", "rm_file"):
+            setattr(folder.fs, name, _dying(getattr(folder.fs, name), left))
+        make(folder, RECIPE)
+        code = 0
+    except BaseException:
+        log.write_text(traceback.format_exc())
+    finally:
+        os._exit(code)
+
+
+def _dying(act: Callable, left: Iterator[int]) -> Callable:
+    def dying(*arguments: Any, **options: Any) -> Any:
+        if next(left, None) is None:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return act(*arguments, **options)
+
+    return dying
+
+
+def trial(place: Callable[[], Any], kills: list[int], reference: dict[str, bytes], room: Path) -> int:
+    """Run as many processes at once as there are kills; return how many of them died."""
+    numbers = [child(place, kill, room / str(row)) for row, kill in enumerate(kills)]
+    died = 0
+    for row, number in enumerate(numbers):
+        status = os.waitpid(number, 0)[1]
+        died += os.WIFSIGNALED(status)
+        assert os.WIFSIGNALED(status) or status == 0, f"{kills}: {(room / str(row)).read_text()}"
+    folder = place()
+    make(folder, RECIPE)
+    assert verify(folder).sound, kills
+    folder.fs.invalidate_cache()
+    start = len(folder.path.rstrip("/")) + 1
+    objects = {name[start:]: folder.fs.cat_file(name) for name in folder.fs.find(folder.path)}
+    assert objects == reference, (kills, sorted(objects.keys() ^ reference.keys()))
+    return died
+
+
+def run(trials: int, place_of: Callable[[int], Callable[[], Any]], room: Path, seed: int = 0) -> int:
+    """Run trials of one to three processes; return how many of them died."""
+    make(room / "a.zarr", RECIPE)
+    reference, draws, died = contents(room / "a.zarr"), random.Random(seed), 0
+    with quick_claims():
+        for number in range(trials):
+            kills = [draws.choice([0, draws.randint(1, 14), draws.randint(1, PUTS)]) for _ in range(1 + number % 3)]
+            died += trial(place_of(number), kills, reference, room)
+    return died
+
+
+def bucket(room: Path) -> Callable[[int], Callable[[], Any]]:
+    """Addresses in a folder of this machine."""
+    import own_bucket  # noqa: F401
+    from upath import UPath
+
+    def place(number: int) -> Any:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of a protocol that universal-pathlib has no tests of
+            return UPath(f"bucket://{room}/{number}/a.zarr")
+
+    return lambda number: lambda: place(number)
+
+
+def main() -> None:
+    """Run the trials that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--trials", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--server", action="store_true")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        if not arguments.server:
+            died = run(arguments.trials, bucket(Path(folder)), Path(folder), arguments.seed)
+        else:
+            from moto.server import ThreadedMotoServer  # pyright: ignore[reportMissingImports]
+            from upath import UPath
+
+            server = ThreadedMotoServer(port=0)
+            server.start()
+            host, port = server.get_host_and_port()
+            options = {"key": "any", "secret": "any", "endpoint_url": f"http://{host}:{port}"}
+            options["skip_instance_cache"] = True  # a system of its own, in every process
+            UPath("s3://bucket", **options).mkdir()
+
+            def place_of(number: int) -> Callable[[], Any]:
+                return lambda: UPath(f"s3://bucket/{number}/a.zarr", **options)
+
+            died = run(arguments.trials, place_of, Path(folder), arguments.seed)
+            server.stop()
+    print(f"{arguments.trials} trials of 1 to 3 processes, {died} of them killed, nothing lost")
+
+
+if __name__ == "__main__":
+    main()
