@@ -13,8 +13,6 @@ two lines."""
 import math  # code
 
 # a comment
-
-
 class Circle:
     """Docstring."""
 

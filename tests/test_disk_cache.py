@@ -86,8 +86,6 @@ def test_new_folders_and_files_are_their_users_alone(root):
 
 
 # Limits
-
-
 @pytest.mark.parametrize(("most", "most_bytes"), [(3, 2**20), (100, 3500)])
 def test_the_oldest_files_make_room(root, most, most_bytes):
     for n in range(6):
@@ -124,8 +122,6 @@ def test_a_process_writes_so_many_files(root, monkeypatch):
 
 
 # What cannot be written
-
-
 def blocked(root, _):
     root.write_text("in the way")
 
@@ -154,8 +150,6 @@ def test_the_administrators_cache_is_read_in_silence(root, monkeypatch):
 
 
 # Who may have written
-
-
 @pytest.mark.parametrize(("kind", "owner", "mode", "reason"), [
     ("DIR", 7, 0o700, None), ("DIR", 7, 0o755, None), ("REG", 7, 0o644, None), ("DIR", 0, 0o755, None),
     ("DIR", 0, 0o1777, None), ("LNK", 7, 0o777, None), ("LNK", BOB, 0o777, "belongs to another user"),
@@ -252,8 +246,6 @@ def test_a_sticky_folder_above_is_trusted(root):
 
 
 # Several at once
-
-
 def use(start, answers) -> None:
     """Read, write and delete a few files as fast as can be; note what is neither whole nor absent."""
     start.wait()
@@ -281,8 +273,6 @@ def test_processes_at_once_see_whole_files_or_none(root):
 
 
 # Sources
-
-
 def imports(file: Path) -> set[Path]:
     """Files of the package that a file imports, by the parser."""
     names = set()

@@ -86,8 +86,6 @@ def assert_sensible(scene: sg.Scene, found: sg.Covariance) -> None:
 
 
 # ---- Valid scenes --------------------------------------------------------------------------------------
-
-
 @few_and_many(40, 1000)
 def test_any_scene_has_a_covariance_a_plan_and_an_image(count):
     @examples(count)

@@ -244,6 +244,3 @@ def test_four_tasks_are_performed_by_the_map(tmp_path):
     shop.change("a rule of the planner", planning, "_simple_terms, idealisations)",
                 "_simple_terms, _short_wave, idealisations)")  # fmt: skip
     assert shop.run(PERFORMED.format(folder=str(tmp_path))).strip() == "performed"
-
-
-# Nine more, of values; each is a row, its file, what stands there, and what is written.

@@ -153,8 +153,6 @@ def in_another_process(folder, code):
 
 
 # Object families
-
-
 def test_a_family_in_toml_and_in_python_is_one(recipe, own):
     assert type(recipe.objects) is own.Hoops
     same = load_recipe("through-slab", {**SMALL, "name": "hoops", "objects": own.Hoops(shape=(12, 12), width=1.5)})
@@ -246,8 +244,6 @@ def test_a_scatterer_by_its_path_reaches_workers_too(folder, own):
 
 
 # Networks
-
-
 def test_a_network_is_trained_saved_and_read(own, tmp_path):
     model = train(SETTINGS.replace(network="own-layer", epochs=1), DATA, HELD_OUT, tmp_path)
     assert type(model.network) is own.OneLayer
@@ -292,8 +288,6 @@ def test_the_command_line_trains_and_judges(own, folder, tmp_path):
 
 
 # Sensors
-
-
 def scene(sensor):
     slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.5))
     light = sg.CollimatedBeams.tilts([0.0], width=2000.0)
@@ -362,8 +356,6 @@ def test_a_grid_that_is_none_is_refused():
 
 
 # Kinds of recipe, cameras
-
-
 def test_a_kind_of_recipe(own, folder, tmp_path):
     (folder / "negative.toml").write_text(
         'inherits = "tilt-stack"\nname = "negative"\nkind = "specklegen_own:Inverted"\ncamera = {shape = [32, 32]}\n'

@@ -214,8 +214,6 @@ def test_a_release_file_works_in_a_clean_environment(minor, kind, tmp_path):
 
 
 # ---- Building ------------------------------------------------------------------------------------------
-
-
 def _checkout(folder: Path, *, links: bool = True) -> Path:
     """A copy of what git tracks, in which building may write."""
     tracked = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
@@ -308,8 +306,6 @@ def test_type_checkers_see_the_package_from_another_folder(checkout, tmp_path):
 
 
 # ---- Importing -----------------------------------------------------------------------------------------
-
-
 def _loaded(program: str, names: tuple[str, ...]) -> list[str]:
     """Which of some modules a program has loaded at its end."""
     code = f"import sys\n{program}\nprint([m for m in {names!r} if m in sys.modules])"

@@ -51,8 +51,6 @@ def sparse_scene(medium=None, views=6) -> sg.Scene:
 SAMPLERS = ["paths", "stationary"]
 
 # ---- Gaussianity (A05) ---------------------------------------------------------------------------------
-
-
 def assert_gaussian(u: np.ndarray) -> None:
     """A zero-mean circular Gaussian field: <u> = <u^2> = 0, <|u|^4> = 2 <|u|^2>^2, exponential intensity. ``u``
     complex[R, V], independent along both axes, unit mean intensity in expectation at most up to a common factor."""
@@ -103,8 +101,6 @@ def test_seeds_and_realizations_are_uncorrelated(sampler):
 
 
 # ---- The promised error --------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("medium", "rel_error"), [(slab(1.0), 0.3), (slab(5.0, 0.8), 0.5)])
 def test_the_promised_excess_correlation_is_kept(medium, rel_error):
     """Far-apart views have Cov(I1, I2)/(I1 I2) = Var w / (N (E w)^2) = expected_error^2 (docs/physics.md)."""
@@ -158,8 +154,6 @@ def test_stationary_stacks_hold_mean_and_contrast_to_three_in_a_thousand():
 
 
 # ---- Purity --------------------------------------------------------------------------------------------
-
-
 CASES = {
     "nufft": (scene(shape=(40, 41)), {"sampler": "paths"}), "direct": (sparse_scene(), {"sampler": "paths"}),
     "reversed": (scene(side="reflection"), {"reverse": True}), "stationary": (scene(), {"sampler": "stationary"}),
@@ -241,8 +235,6 @@ def test_a_plan_is_a_pure_function_and_says_what_it_does():
 
 
 # ---- The mean field ------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
 def test_mean_field_carries_the_ballistic_power(profile):
     """The integral of |m|^2 over views is e^-OD times the power of the window, in area."""
@@ -296,8 +288,6 @@ def test_a_mean_at_a_later_tilt_is_warned_of():
 
 
 # ---- Gates ---------------------------------------------------------------------------------------------
-
-
 def test_reversed_paths_take_part_only_near_backscattering():
     medium = slab(5.0)  # mean free path 20, k l = 251
     light = directions_of_sines("light", [[0.0, 0.0], [0.1, 0.0]])
@@ -361,8 +351,6 @@ def test_paths_ended_early_are_reported(monkeypatch):
 
 
 # ---- Errors --------------------------------------------------------------------------------------------
-
-
 def test_a_grid_that_undersamples_is_refused_with_the_remedy():
     with pytest.raises(
         sg.RuleError, match=r"FarFieldGrid.pitch must be at most half the speckle size .*use a pitch <="
@@ -382,8 +370,6 @@ def test_an_object_has_no_field_and_says_why():
 
 
 # ---- Threads and forks ---------------------------------------------------------------------------------
-
-
 def test_two_python_threads_may_render_at_once():
     jobs = [(case, seed) for seed in range(3) for case in ("nufft", "stationary", "object", "direct")]
 

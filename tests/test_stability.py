@@ -24,8 +24,6 @@ def test_rows_have_names_and_cases_of_their_own():
 
 
 # ---- A row that should fail does -----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("row", [
     within("", "", 1.0, 1.0 + 2e-9, 1e-9), within("", "", 1.0, np.nan, 1e-9), measured("", "", 1.0, 1.2, 0.03),
     measured("", "", 1.0, np.nan, 0.03), measured("", "", [1.0, 2.0], [1.0, 2.1], 0.0),

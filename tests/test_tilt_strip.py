@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from specklegen import pictures
-from specklegen.pictures import moved_correlation, round_length
+from specklegen.pictures import moved_correlation
 
 
 @pytest.mark.parametrize("move", [(5, 0), (-3, 2), (0, -7), (4, 4)])
@@ -21,22 +20,3 @@ def test_where_nothing_overlaps_there_is_no_number():
     assert moved_correlation(first, first, np.array([13, 0])) is not None
     for move in ([17, 0], [0, -20], [25, 3]):
         assert moved_correlation(first, first, np.array(move)) is None
-
-
-@pytest.mark.parametrize(("most", "length"), [(0.0042, 0.002), (0.005, 0.005), (0.0099, 0.005), (34.0, 20.0)])
-def test_a_scale_is_a_round_length_that_fits(most, length):
-    assert round_length(most) == length
-
-
-def test_a_scale_is_as_long_as_its_degrees(monkeypatch, tmp_path):
-    """The bar in pixels times the pitch is the angle that its label says."""
-    drawn = []
-    monkeypatch.setattr(pictures, "_save", lambda figure, out: drawn.append(figure) or out)
-    parameters = {"optical_depth": 10.0, "g": 0.9, "camera_pitch": np.deg2rad(0.0001)}
-    tilts = np.deg2rad([[0.0, 0.0], [0.001, 0.0]])
-    stack = np.random.default_rng(0).exponential(size=(2, 64, 64))
-    pictures.tilt_strip([{"stack": stack, "tilts": tilts, "parameters": parameters}], tmp_path / "strip.png")
-    (bar,) = drawn[0].axes[0].lines
-    assert np.ptp(bar.get_xdata()) * 0.0001 == pytest.approx(0.002)
-    assert [text.get_text() for text in drawn[0].axes[0].texts] == ["0.002°"]
-    assert not drawn[0].axes[1].lines

@@ -1,6 +1,5 @@
 """The command fit-setup: what it prints and writes, and what it refuses."""
 
-
 import numpy as np
 import pytest
 from typer.testing import CliRunner

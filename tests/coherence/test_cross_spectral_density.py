@@ -44,8 +44,6 @@ def circular(rng, *shape):
 
 
 # Gaussian Schell model
-
-
 def test_schell_model_is_the_mean_of_u1_times_conjugate_u2():
     x = np.array([-0.3, 0.1, 0.2])
     amplitude = np.array([1, 2j, 3])
@@ -82,8 +80,6 @@ def test_undersampled_source_warns_and_a_fine_one_does_not(recwarn):
 
 
 # Coherent modes
-
-
 def test_modes_of_a_gaussian_source_match_the_closed_form():
     """Gaussian amplitude of width s: eigenvalues fall geometrically (Starikov and Wolf 1982)."""
     width, coherence = 1.0, 0.7
@@ -131,8 +127,6 @@ def test_mode_table(sigma):
 
 
 # Two-dimensional sources
-
-
 def test_separable_modes_are_those_of_the_whole_plane():
     W0_y, W0_x = gaussian_schell_model(line(8), 0.6), gaussian_schell_model(line(11), 0.9)
     whole = np.kron(W0_y, W0_x)  # points in C order, x running fastest
@@ -156,8 +150,6 @@ def test_separable_modes_are_the_fewest_that_hold_the_energy(energy):
 
 
 # Propagation
-
-
 @pytest.mark.parametrize("sigma", [2, 1, 0.6, 0.4, 0.2, 0.1])
 def test_all_modes_reproduce_the_direct_formula(sigma):
     W0 = gaussian_schell_model(line(51), sigma, np.exp(2j * line(51)))
@@ -221,8 +213,6 @@ def test_degree_of_coherence_never_exceeds_one():
 
 
 # Sampled fields
-
-
 def projections(W0):
     """Vectors that see every kind of entry of W0: diagonal, real and imaginary parts, whole modes."""
     e = np.eye(len(W0))

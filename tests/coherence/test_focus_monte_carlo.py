@@ -154,8 +154,6 @@ def test_residual_of_uniform_rays():
 
 
 # Purity
-
-
 @pytest.mark.parametrize("sampling", ["uniform", "stratified"])
 def test_same_seed_same_bits_for_any_number_of_threads(sampling):
     system = focus(n_pixels=11, n_source=7)

@@ -1,21 +1,9 @@
 """Physical optics of the cylindrical focus against multiple precision, Debye's integral and printed tables."""
 
-
 import mpmath as mp
 import numpy as np
 import pytest
-from focus_of_rays import (
-    DISTANCES,
-    PIXELS,
-    SIGMAS,
-    K,
-    axial_focus,
-    crossing,
-    focus,
-    measured_csd,
-    profile,
-    source,
-)
+from focus_of_rays import DISTANCES, PIXELS, SIGMAS, K, axial_focus, crossing, focus, measured_csd, profile, source
 
 from specklegen.coherence.cross_spectral_density import (
     coherent_modes,
@@ -49,8 +37,6 @@ AXIAL = {
 
 
 # The printed tables
-
-
 @pytest.mark.parametrize("sigma", TRANSVERSE)
 def test_transverse_table(sigma):
     system = focus()
@@ -74,8 +60,6 @@ def test_axial_table(sigma):
 
 
 # Independent routes, for every coherence length
-
-
 def debye_csd(x, sigma, nodes=200):
     """Infinite f: every source point sends a plane wave of sine t / sqrt(4 + t^2), t = x' / a. Continuous source,
     Gauss-Legendre; the flux through the plane weighs a pair by its mean cosine."""
@@ -162,8 +146,6 @@ def test_axial_profile_against_multiple_precision(sigma, n_source, error, axial_
 
 
 # The measurement function
-
-
 @pytest.mark.parametrize("sigma", SIGMAS)
 def test_flux_weight_is_nearly_the_square_root_of_cosines(sigma):
     system = focus()
@@ -186,8 +168,6 @@ def test_flux_weighted_csd_is_the_flux():
 
 
 # What a propagated cross-spectral density must be
-
-
 @pytest.mark.parametrize("sigma", SIGMAS)
 def test_propagated_csd_is_hermitian_positive_and_of_limited_rank(sigma):
     system = focus()

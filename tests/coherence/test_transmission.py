@@ -114,8 +114,6 @@ def test_standard_error_is_that_of_the_scale():
 
 
 # Modes of a source of beams
-
-
 @pytest.mark.parametrize("ratio", [2.0, 0.5])
 def test_source_modes_have_the_power_of_the_modes_on_the_face(ratio):
     """Eigenvalues over overlapping beams are those of the Gaussian Schell model on the window."""
@@ -162,8 +160,6 @@ def test_modes_and_beams_make_the_same_image():
 
 
 # The face as basis
-
-
 def test_face_modes_are_their_amplitudes_at_the_pixels():
     count, rng = 6, np.random.default_rng(0)
     amplitudes = rng.normal(size=(36, 2)) + 1j * rng.normal(size=(36, 2))

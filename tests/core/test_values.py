@@ -180,8 +180,6 @@ def test_reject_puts_the_remedy_last():
 
 
 # ---- Round trips ---------------------------------------------------------------------------------------
-
-
 VALUES = {
     "beams": scene(), "isotropic": scene(medium=slab()), "zero thickness": scene(medium=slab(thickness=0.0)),
     "object": object_scene(), "views": scene(sensor=sg.FarField(directions=[[0.6, 0.0, 0.8], [0.0, 0.6, -0.8]])),
@@ -246,8 +244,6 @@ def test_the_fingerprint_changes_with_any_field():
 
 
 # ---- Frozen, replace -----------------------------------------------------------------------------------
-
-
 def test_values_are_frozen():
     value = scene()
     with pytest.raises(RuleError, match=r"Scene\.wavelength must be left as it is.*\.replace"):
@@ -270,8 +266,6 @@ def test_replace_checks_anew_and_leaves_the_original():
 
 
 # ---- What values say of themselves ---------------------------------------------------------------------
-
-
 def test_grid_is_regular_in_sines_with_row_0_smallest():
     grid = sg.FarField.grid(shape=(3, 4), pitch=0.01, center=(0.1, -0.2))
     assert grid.directions.shape == (3, 4, 3)

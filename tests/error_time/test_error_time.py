@@ -3,13 +3,11 @@
 import csv
 import mmap
 import re
-import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from refusals import assert_refused
-from scenes import ROOT
 from slab_sums import direct
 from typer.testing import CliRunner
 from zscore import assert_z, limit, refute_z
@@ -19,8 +17,6 @@ from scripts.error_time import calibration, references, tables
 from scripts.error_time.runs import Row, judged, quantities
 from scripts.error_time.scenes import SCENES
 from specklegen.cli.commands import app
-from specklegen.cli.compare import scene_of
-from specklegen.core.errors import RuleError
 from specklegen.error_time import SAMPLERS, Estimate, Probes, compare, crossover, fit_trend, measured, probes_of
 from specklegen.error_time.estimates import connection_amplitudes, paths_estimate, stationary_estimate
 from specklegen.memory_effects.cached import estimated_anew
@@ -42,8 +38,6 @@ def small(side="transmission", views=9, center=(0.0, 0.0)) -> sg.Scene:
 
 
 # ---- Slopes and crossings ----------------------------------------------------------------------------------
-
-
 def synthetic(slope: float, rng, floor: float = 0.0, points: int = 7, freedom=16):
     """Times a factor 4 apart and root mean squares of ``freedom`` normal errors of a power law over a floor."""
     freedom = np.broadcast_to(freedom, points).astype(float)
@@ -94,8 +88,6 @@ def test_no_crossing():
 
 
 # ---- What a run implies ------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("side", "reverse"), [("transmission", False), ("reflection", True)])
 def test_connection_amplitudes_are_those_of_the_field(side, reverse):
     scene = small(side)
@@ -200,8 +192,6 @@ def test_measured_sees_memory():
 
 
 # ---- References, judgement, page ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["transmission-g0-od1", "backscatter", "wide-field"])
 def test_frozen_closed_forms_are_what_is_computed(name):
     case = SCENES[name]()
@@ -255,24 +245,6 @@ def test_page_finds_slope_and_crossing():
     assert not tables.found_crossings(synthetic_rows(), "transmission-g0-od10", "intensity")
 
 
-def test_tables_and_figures_are_written_into_the_page(tmp_path):
-    folder = tmp_path / "performance"
-    folder.mkdir()
-    rows = synthetic_rows()
-    tables.write_table(folder / "error-vs-time.csv", list(rows[0].written()), [row.written() for row in rows])
-    assert [row.count for row in tables.stored_rows(folder)] == [row.count for row in rows]
-    shutil.copy(ROOT / "docs/performance/benchmark.json", folder)
-    headings = ["Runs", "Speed", "Slope", "Crossover points", "transmission-g0-od10"]
-    (tmp_path / "performance.md").write_text(
-        "".join(f"## {name}\n\nWords.\n\n| old |\n| --- |\n\n" for name in headings)
-    )
-    text = tables.write(folder).read_text()
-    assert "| transmission-g0-od10 | paths | intensity |" in text
-    assert "| old |" not in text
-    assert text.count("\nWords.\n\n|") == len(headings)
-    assert (folder / "transmission-g0-od10.png").stat().st_size > 10_000
-
-
 def test_the_bound_of_a_ratio_is_met_or_not():
     row = {"median": 2.0, "must": 3.0, "aim": 1.0, "more_is_better": False}
     assert [tables._bound(row, key) for key in ("must", "aim")] == ["≤ 3: yes", "≤ 1: **no**"]
@@ -307,8 +279,6 @@ def test_a_reported_error_that_is_wrong_is_caught():
 
 
 # ---- The command -------------------------------------------------------------------------------------------
-
-
 def test_bench_rows_fall_with_the_count():
     rows = list(compare(small(views=3), seconds=0.05))
     names = {row.sampler for row in rows}
@@ -348,12 +318,3 @@ def test_compare_command(tmp_path):
     assert len(lines) > 6
     assert figure.stat().st_size > 5_000
     assert "left out" in result.output
-
-
-@pytest.mark.parametrize(("suffix", "text"), [("json", sg.Scene.canonical_json), ("toml", sg.Scene.to_toml)])
-def test_bench_refuses_to_change_a_scene(tmp_path, suffix, text):
-    path = tmp_path / f"scene.{suffix}"
-    path.write_text(text(small(views=3)))
-    assert scene_of(str(path), None) == small(views=3)
-    with pytest.raises(RuleError, match=rf"compare --set must be left out .* got 'wavelength=2.0'\. Change .*{suffix}"):
-        scene_of(str(path), ["wavelength=2.0"])

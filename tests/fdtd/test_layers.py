@@ -81,18 +81,6 @@ def test_a_realization_depends_on_seed_and_number_only():
     assert not np.array_equal(layer.sample(1, 7), layer.sample(1, 8))
 
 
-def test_extremes_of_the_correlation_length():
-    uniform = RandomLayer(correlation_length=np.inf).sample(5, 0)
-    assert np.ptp(uniform, axis=1).max() == 0
-    assert np.ptp(uniform[:, 0]) > 0
-    with pytest.warns(UserWarning, match="white from cell to cell"):
-        white = RandomLayer(correlation_length=0.001)
-    with pytest.warns(UserWarning, match="white from cell to cell"):
-        RandomLayer(correlation_length=0.0)
-    assert white.moments().second[1] < white.moments().second[0]
-    assert not RandomLayer(correlation_length=0.5, rms_index=0).sample(2, 0).any()
-
-
 @pytest.mark.parametrize(("fields", "message"), [
     ({"correlation_length": -1}, "RandomLayer.correlation_length must be at least 0"),
     ({"correlation_length": math.nan}, "RandomLayer.correlation_length"),

@@ -88,20 +88,6 @@ def test_coefficients_by_quadrature():
     assert slab.backward_coefficient == pytest.approx(k**2 / 2 * trapezoid(c * np.cos(2 * k * u), u), rel=1e-3)
 
 
-def test_extremes():
-    clear = equivalent_slab(RandomLayer(correlation_length=1, rms_index=0), WAVELENGTH)
-    assert clear.optical_depth == 0
-    assert math.isinf(clear.mean_free_path)
-    assert clear.valid
-    uniform = equivalent_slab(RandomLayer(correlation_length=np.inf), WAVELENGTH)
-    assert not uniform.valid
-    assert math.isinf(uniform.optical_depth)
-    strong = equivalent_slab(RandomLayer(correlation_length=0.02, rms_index=0.2), WAVELENGTH)
-    assert "rms_index above" in strong.reason
-    one = coherent_transmission(RandomLayer(correlation_length=1), WAVELENGTH, "transfer_matrix", n_realizations=1)
-    assert math.isnan(one.standard_error)
-
-
 def test_bad_input_is_refused():
     layer = RandomLayer(correlation_length=1, dx=0.1)
     assert_refused(lambda: equivalent_slab(layer, WAVELENGTH), "wavelength must be at least 8 cells")

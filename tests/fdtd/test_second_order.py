@@ -157,17 +157,6 @@ def test_long_correlation_warns_and_reports_the_phase_variance(lc, failed):
     )
 
 
-@quiet
-@pytest.mark.parametrize(("modulated", "lc"), [row for row in SECOND_ORDER if row[1] >= 0.05 and row[0]])
-def test_predicted_errors_are_the_documents(modulated, lc):
-    """V/4 forward within a third or so (third moments of the sample count, too); 3 V back within 2."""
-    layer = RandomLayer(correlation_length=lc)
-    validity = single_realization(layer, method="frequency", pulse=Pulse(modulated=modulated)).validity
-    back, forward = SECOND_ORDER[modulated, lc]
-    assert 0.5 < validity["forward_error"] / forward < 1.35
-    assert 0.5 < validity["back_error"] / back < 2
-
-
 def test_first_order_is_judged_by_what_it_leaves_out():
     with pytest.warns(UserWarning, match="first order not valid"):
         field = single_realization(RandomLayer(correlation_length=0.5), order=1, method="frequency")

@@ -230,16 +230,6 @@ def test_images_of_an_object_are_those_of_its_beams_added_up():
     np.testing.assert_allclose(one, np.tensordot([1.0, 0.5, 2.0], beams, axes=1), rtol=1e-4)
 
 
-def test_plans_tell_of_the_lens_and_of_the_mean_through_it():
-    seen = scene(tilts=(0.0, 1e-3))
-    made = sg.plan(seen, rel_error=0.2)
-    assert made.image_error <= 0.2
-    assert "lens: used" in made.explain()
-    assert made.seconds > 0
-    both = [sg.render(seen, paths=300, seed=1, mean=mean).field for mean in (True, False)]
-    np.testing.assert_allclose(both[0] - both[1], sg.mean_field(seen), atol=1e-6)
-
-
 @pytest.mark.parametrize(("field", "camera"), [
     ("Imaging.focus", {"focus": 1e70}), ("Imaging.views", {"focus": 1e12}), ("Imaging.views", {"views": 10**7}),
     ("Imaging.shape", {"shape": (10**9, 10**9)}), ("Imaging.pitch", {"magnification": 1e-250}),

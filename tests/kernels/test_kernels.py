@@ -64,8 +64,6 @@ def lobe(g: float, seed: int = 1) -> np.ndarray:
 
 
 # ---- Philox --------------------------------------------------------------------------------------------
-
-
 # counter, key, answer: "philox4x32 10" of the known-answer vectors published with Random123 (Salmon et al.).
 KNOWN_ANSWERS = [
     ("00000000 00000000 00000000 00000000", "00000000 00000000", "6627e8d5 e169c58d bc57ac4c 9b00dbd8"),
@@ -111,8 +109,6 @@ def test_normals_of_other_samples_are_others():
 
 
 # ---- Arithmetic ----------------------------------------------------------------------------------------
-
-
 def test_logarithms_are_right_to_rounding():
     random = np.random.default_rng(0).random((3, 50_000))
     edges = [2.0**-33, 1 - 2.0**-33, 0.5, np.sqrt(0.5), np.nextafter(np.sqrt(0.5), 0), 1e-300, 1e-17, 1 - 2.0**-53]
@@ -153,8 +149,6 @@ def test_the_fused_multiply_add_rounds_once():
 
 
 # ---- Trigonometry --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("span", [0.5, 1.0, 1e4, 1e8])
 def test_sincos_turns_is_exact_to_rounding(span):
     turns = np.random.default_rng(0).uniform(-span, span, 100_000)
@@ -170,8 +164,6 @@ def test_sincos_turns_is_exact_to_rounding(span):
 
 
 # ---- Henyey-Greenstein ---------------------------------------------------------------------------------
-
-
 def assert_mean_cosine(g: float, drawn_with: float) -> None:
     """Variance of the cosine is (1 - g^2)/3, from E[P2(cos)] = g^2."""
     x = lobe(drawn_with)
@@ -245,8 +237,6 @@ def test_sampler_keeps_relative_precision_at_the_ends(g):
 
 
 # ---- Frames --------------------------------------------------------------------------------------------
-
-
 def directions() -> np.ndarray:
     generator = np.random.default_rng(2)
     some = generator.normal(size=(20_000, 3))

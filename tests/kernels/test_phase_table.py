@@ -79,8 +79,6 @@ CASES = [(name, d) for name in TYPES for d in (2, 3) if (name, d) != ("sphere", 
 
 
 # ---- Evaluation ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("name", "dimensions"), CASES)
 def test_kernel_and_value_have_one_amplitude(name, dimensions):
     scatterer = TYPES[name]
@@ -124,8 +122,6 @@ def test_refused():
 
 
 # ---- Sampling ------------------------------------------------------------------------------------------
-
-
 def shares_of_bins(scatterer, dimensions: int, bins: int) -> tuple[np.ndarray, np.ndarray]:
     """Edges in theta that split the light into about equal shares, and these, by quadrature of the value's |s|^2."""
     kinks = SPHERE.table.theta if scatterer is SPHERE else getattr(scatterer, "theta", np.array([0.0, PI]))
@@ -192,20 +188,7 @@ def test_one_per_cent_is_caught(dimensions):
         assert_follows(SPIKE, dimensions, drawn(shifted, dimensions))
 
 
-@pytest.mark.parametrize("dimensions", [2, 3])
-def test_empty_bins_are_never_drawn(dimensions):
-    bounds = np.array([0.0, 1.0, np.nextafter(0.0, 1), np.nextafter(1.0, 0), *SHARES[:4], *SHARES[-4:]])
-    u, v = (a.ravel() for a in np.meshgrid(np.clip(np.append(bounds, np.linspace(0, 1, 5001)), 0, 1 - 1e-16), bounds))
-    theta = 2 * np.arcsin(np.sqrt(np.concatenate([drawn(GAPS, dimensions, u, v), drawn(GAPS, dimensions)]) / 2))
-    # arcsin of a root rounds by 1e-16.
-    assert not ((theta > 0.4 + 1e-14) & (theta < 0.9 - 1e-14)).any()
-    assert theta.max() < 2.0 + 1e-14
-    assert theta.min() >= 0
-
-
 # ---- Precision: 1 - cos against inverses by hand, at u from 1e-10 to 1 - 1e-10 ------------------------------
-
-
 @pytest.mark.parametrize("g", [-0.99, -0.5, 0.0, 0.9, 0.99999])
 def test_flat_henyey_is_precise_at_every_angle(g):
     u, g_long = SHARES.astype(np.longdouble), np.longdouble(g)
@@ -305,25 +288,6 @@ def test_types_are_chosen_by_their_shares(dimensions):
     np.testing.assert_allclose(powers, by_hand, rtol=1e-12)
     alone, _ = chosen(table, 0, generator.random(1000), cos[:1000])
     assert (alone == 0).all()
-
-
-def test_a_type_of_weight_zero_changes_no_bit():
-    """As a value it is dropped; a table that holds it none the less draws and weighs as if it did not."""
-    generator = np.random.default_rng(4)
-    u, cos = np.concatenate([SHARES, [0.3, 0.7], generator.random(DRAWS)]), generator.uniform(-1, 1, DRAWS + 109)
-    pair = phase_table((sg.Mixture(types=[PARTS[0], PARTS[2]], fractions=[0.3, 0.7]),), 3)
-    types, powers = chosen(pair, 0, u, cos)
-    for place in range(3):
-        order = [0, 2]
-        order.insert(place, 1)
-        whole = phase_table((sg.Mixture(types=[PARTS[n] for n in order], fractions=[0.4, 0.3, 0.3]),), 3)
-        shares = np.insert(pair.shares, place, 0.0)
-        cumulative = np.insert(pair.shares_cumulative, place, [0.0, *pair.shares_cumulative][place])
-        again, same = chosen(whole._replace(shares=shares, shares_cumulative=cumulative), 0, u, cos)
-        assert np.array_equal(np.array(order)[again], np.array([0, 2])[types])
-        assert np.array_equal(same, powers)
-    dropped = phase_table((sg.Mixture(types=PARTS, fractions=[0.3, 0.0, 0.7]),), 3)
-    assert all(np.array_equal(a, b) for a, b in zip(dropped, pair, strict=True))
 
 
 def test_a_type_split_into_itself_scatters_as_before():

@@ -47,8 +47,6 @@ def scene(medium, lights, views, near=False, wavelength=1.0):
 
 
 # ---- Far lights, far views: a slab ---------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("profile", PROFILES)
 def test_slab_sends_the_windows_diffraction_pattern(profile, dimension):
@@ -72,8 +70,6 @@ def test_slab_sends_the_windows_diffraction_pattern(profile, dimension):
 
 
 # ---- Far lights, far views: a box ----------------------------------------------------------------------
-
-
 def brute_force(medium, light, view, wavelength, n):
     """Midpoint sum over the volume, attenuation from the distance to the nearest face along v."""
     cells = [lo + (np.arange(n) + 0.5) * (hi - lo) / n for lo, hi in zip(medium.lower, medium.upper, strict=True)]
@@ -137,8 +133,6 @@ def test_far_mean_turns_with_the_place_of_the_box(dimension):
 
 
 # ---- Numerical integrals: voxels and beams -------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("dimension", "shape"), [(2, (3, 4)), (3, (2, 1, 3))])
 def test_equal_voxels_are_a_box(dimension, shape):
     medium = box((0.7, 0.9, 1.1)[-dimension:], 0.6)
@@ -221,31 +215,12 @@ def test_a_beam_wider_than_the_box_is_a_plane_wave():
 
 
 # ---- A point involved ----------------------------------------------------------------------------------
-
-
 def test_plane_waves_at_points_before_in_and_behind_a_box():
     medium, light = box((4.0, 6.0), 3.0), at([0.0])
     points = np.array([[0.3, -9.0], [0.3, -1.0], [0.3, 11.0], [2.5, 11.0]])
     m = sg.mean_field(scene(medium, light, points, near=True))[0]
     through = np.array([0.0, 2.0, 6.0, 0.0])
     np.testing.assert_allclose(m, np.exp(2j * np.pi * points[:, 1] - through / 6), rtol=1e-12)
-
-
-def test_rays_cross_voxels_exactly():
-    """Against the traversal in tiny steps; a ray of 5 degrees through a random grid."""
-    rng = np.random.default_rng(2)
-    extinction = rng.exponential(0.3, (5, 4, 3))
-    grid = sg.VoxelGrid(lower=(-1, -2, 0), upper=(2, 2, 5), extinction=extinction, scatterers=(SCATTERER,))
-    point, i = np.array([0.4, -0.2, 7.0]), sg.PlaneWaves.tilts([[0.09, 0.05]]).directions
-    s = (np.arange(200_000) + 0.5) * 1e-4
-    x = point - s[:, None] * i
-    cell = np.floor((x - grid.lower) / (grid.upper - grid.lower) * [3, 4, 5]).astype(int)
-    inside = ((cell >= 0) & (cell < [3, 4, 5])).all(axis=1)
-    depth = extinction[tuple(cell[inside].T[::-1])].sum() * 1e-4
-    m = sg.mean_field(scene(grid, i, point, near=True))
-    assert m.shape == (1,)
-    # Ten faces, each found within half a step of 1e-4 where the extinction jumps by about 0.3: 1e-4 in depth.
-    assert abs(m[0]) == pytest.approx(np.exp(-depth / 2), rel=1e-4)
 
 
 @pytest.mark.parametrize("profile", PROFILES)
@@ -292,8 +267,6 @@ def test_point_to_point(dimension):
 
 
 # ---- The wave solver -----------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def oracle():
     return np.load(DATA / "wave_solver_2d_od2.npz")
@@ -349,8 +322,6 @@ def test_near_mean_of_the_wave_solver(oracle):
 
 
 # ---- Refusals, and rendering ---------------------------------------------------------------------------
-
-
 def test_refusals():
     odd = sg.Tabulated(theta=[0, 1, np.pi], amplitude=[0, 1, 1])
     medium, far = box((3.0, 3.0)), at([0.0, 30.0])

@@ -77,8 +77,6 @@ def wavevectors(kernel: MemoryEffectCorrelation) -> np.ndarray:
 
 
 # The table
-
-
 def test_size():
     tables = {table for family in atlas.TABLES.values() for table in family}
     assert sum(atlas.file_of(table).stat().st_size for table in tables) <= 4e6  # type: ignore[attr-defined]
@@ -134,8 +132,6 @@ def test_tolerance_decides():
 
 
 # What a kernel must be
-
-
 @pytest.mark.parametrize("medium", materials(12, seed=1))
 def test_positive_semidefinite_and_normalised(medium):
     kernel = atlas_correlation(medium, np.inf)
@@ -224,8 +220,6 @@ def test_single_scattering_is_exact(make):
 
 
 # Against new paths
-
-
 def agreement(medium: Slab, paths: int, rounds: int) -> dict[str, float]:
     """Differences of the atlas from new paths, their errors, and how far they lie beyond the bounds stated (z)."""
     kernel, errors = served(medium), stated(medium)
@@ -280,8 +274,6 @@ def test_agreement_has_power():
 
 
 # From wherever it is cheapest
-
-
 def test_a_correlation_says_where_it_is_from():
     inside, outside = slab(4.5, 0.9), slab(0.2, 0.5)
     assert correlation_for(inside).source == "atlas"

@@ -93,8 +93,6 @@ def test_reflection(albedo, off, on):
 
 
 # ---- Closed forms ---------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("optical_depth", "paths"),
     [(10, 600_000), (20, 300_000), (40, 150_000)]
@@ -148,8 +146,6 @@ def test_closed_forms_refuse_what_they_cannot_say(call, message):
 
 
 # ---- Small tilts, and the two ways to the curve --------------------------------------------------------
-
-
 @pytest.mark.parametrize(("optical_depth", "g", "expected"), [(10, 0.9, 0.396), (1, 0.0, 1.16)])
 def test_mean_square_distance(optical_depth, g, expected):
     kernel = estimate_correlation(slab(optical_depth, g), 1_000_000, 1)
@@ -233,8 +229,6 @@ def test_oblique_view_matches_its_bank():
 
 
 # ---- Standard errors -----------------------------------------------------------------------------------
-
-
 def test_jackknife_removes_the_bias_of_a_square():
     """|mean|^2 is too high by its own variance; the jackknife is not, and says its error."""
     generator = np.random.default_rng(0)
@@ -340,8 +334,6 @@ def test_estimates_of_independent_seeds_have_the_same_mean():
 
 
 # ---- The kernel ----------------------------------------------------------------------------------------
-
-
 def test_kernel_is_the_bessel_mean_of_its_bank():
     """K(q) = E[w J0(q r)]/E[w]: the histogram of r against the sum over connections, on the same paths."""
     medium = slab(5, 0.5)

@@ -300,8 +300,6 @@ def test_a_while_later_each_connection_has_lost_by_its_momentum_transfer():
 
 
 # ---- Coherent backscattering ----------------------------------------------------------------------------
-
-
 # ---- What is refused ------------------------------------------------------------------------------------
 
 MOVING = sg.Brownian(diffusion=1.0)

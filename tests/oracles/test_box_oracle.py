@@ -55,20 +55,6 @@ def test_energy_in_two_dimensions():
     refute_mean(total, 1.1 * 10 * (1 - np.exp(-2)))
 
 
-@pytest.mark.slow
-def test_energy_in_three_dimensions():
-    """Views drawn anew for every batch, uniform over the sphere."""
-    rng = np.random.default_rng(2)
-    medium = box((-5,) * 3, (5,) * 3, extinction=0.2, particles=(henyey_greenstein(0.5, 3),))
-    total = []
-    for _ in range(BATCHES):
-        views = rng.normal(size=(24, 3))
-        views /= np.linalg.norm(views, axis=1, keepdims=True)
-        setup = Setup(medium, 1.0, Far(directions([0], 3)), Far(views))
-        total.append(intensity(setup, 200, rng).sum(axis=0).mean() * 4 * np.pi)
-    assert_mean(total, 100 * (1 - np.exp(-2)))
-
-
 def test_single_scattering_of_the_reference_cube():
     medium = box((-50,) * 3, (50,) * 3, extinction=0.05, particles=(ISOTROPIC[3],))
     setup = Setup(medium, 1.0, Far(directions([0], 3)), Far(directions([0, 180], 3)))
@@ -124,17 +110,6 @@ LAYERS = Medium(
 )  # fmt: skip
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("reverse", [False, True])
-def test_layers_are_reciprocal(reverse):
-    """A18. Forward paths are so by their densities alone: x1 and x_B lie in layers of other extinction and albedo."""
-    light, view = directions([10, 50]), directions([30, 160])
-    setup = Setup(LAYERS, 1.0, Far(light), Far(view), matched=True)
-    swapped = Setup(LAYERS, 1.0, Far(-view), Far(-light), matched=True)
-    forward, back = (batches(covariance, s, 300, seed=n, reverse=reverse) for n, s in enumerate((setup, swapped)))
-    assert_same(forward, back)
-
-
 def test_a_path_and_its_reverse_have_one_balance_weight():
     """A18: Omega V sigma_s1 sigma_s2 / (sigma_1 + sigma_2) at order two, which needs the ratio of extinctions. No mean
     could tell: any ratio r(x1, x_B) with r r' = 1 for the reverse, even 1, leaves the estimate unbiased."""
@@ -144,23 +119,6 @@ def test_a_path_and_its_reverse_have_one_balance_weight():
     scattering, extinction = LAYERS.albedo * LAYERS.extinction, LAYERS.extinction
     expected = 2 * np.pi * 100 * np.outer(scattering, scattering) / np.add.outer(extinction, extinction)
     np.testing.assert_allclose(np.unique(weights.round(9)), np.unique(expected.round(9)), rtol=1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("reverse", [False, True])
-def test_equal_cells_with_a_void_are_one_box_with_a_void(reverse):
-    """A18: 2 x 1 cells of one density, given as one cell or two, beside vacuum."""
-    particle = (henyey_greenstein(0.3, 2),)
-    lights, views = Far(directions([0, 3])), Far(directions([0, 183]))
-    whole = box((-5, -5), (5, 0), extinction=0.3, particles=particle)
-    parts = Medium(
-        np.array([[-5.0, -5], [1, -5], [-5, 2]]), np.array([[1.0, 0], [5, 0], [5, 3]]), np.array([0.3, 0.3, 0.0]),
-        np.ones(3), particle, np.ones((3, 1)),
-    )  # fmt: skip
-    first, second = (Setup(medium, 1.0, lights, views) for medium in (whole, parts))
-    assert_same(
-        batches(covariance, first, 200, reverse=reverse), batches(covariance, second, 400, seed=2, reverse=reverse)
-    )
 
 
 @pytest.mark.slow

@@ -202,23 +202,6 @@ def test_rayleigh_slabs_depolarise_as_random_paths_do():
     assert circular == pytest.approx(0.095, abs=5e-4)  # as printed
 
 
-def test_depolarisation_has_no_one_length():
-    """The slope of -ln P grows steadily, since all light falls as 1 / depth: .545 is a mean from depth 5 to 10."""
-    depths = [5.0, 6.0, 10.0, 15.0]
-    found = [vector_adding_doubling(depth, rayleigh, nodes=12).transmitted[0, 0] for depth in depths]
-    slopes = -np.diff(np.log([each[1, 1] / each[0, 0] for each in found])) / np.diff(depths)
-    np.testing.assert_allclose(slopes, [0.496, 0.574, 0.648], atol=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("depth", "linear", "circular"), [(5.0, 0.986, 0.981), (10.0, 0.8335, 0.812)])
-def test_forward_slabs_keep_their_polarisation(depth, linear, circular):
-    """Henyey and Greenstein's lobe of g .9 under the projector model, as random paths find it, to .002."""
-    found = vector_adding_doubling(depth, projected(henyey_greenstein(0.9)), nodes=48).transmitted[0, 0]
-    assert found[1, 1] / found[0, 0] == pytest.approx(linear, abs=2e-3)
-    assert found[3, 3] / found[0, 0] == pytest.approx(circular, abs=3e-3)
-
-
 BAD = [{"optical_depth": 0.0}, {"optical_depth": np.nan}, {"incidence": 0.0}, {"views": [1.1]}]
 
 

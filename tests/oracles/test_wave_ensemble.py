@@ -30,8 +30,6 @@ def oracle():
 
 
 # ---------------------------------------------------------------- placements
-
-
 @pytest.fixture(scope="module")
 def centres():
     return [SMALL.placement(3, n) for n in range(6400)]
@@ -87,8 +85,6 @@ def test_bad_input_is_refused():
 
 
 # ---------------------------------------------------------------- sums
-
-
 def test_moments_are_those_of_the_single_fields(monkeypatch):
     monkeypatch.setattr(wave_ensemble, "CHUNK", 3)
     sources = LineSources(np.array([[0.0, 0.0], [0.3, -1.5]]))
@@ -123,8 +119,6 @@ def test_workers_do_not_matter():
 
 
 # ---------------------------------------------------------------- physics
-
-
 def measure_oracle_scene(oracle, placements, seed, *, cylinder=THIN, density=1.0, near=False) -> dict[str, Moments]:
     half = float(oracle["box_half"])
     gas = CylinderGas(cylinder, (-half, -half), (half, half), density * float(oracle["number_density"]))

@@ -59,8 +59,6 @@ def test_large_transforms_get_more_connections_at_a_time():
 
 
 # ---- In turn -------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("workers", [1, 2, 5])
 def test_results_come_in_the_order_of_the_jobs(workers):
     def slow_first(n: int, _threads) -> int:
@@ -170,8 +168,6 @@ def test_many_small_blocks_of_many_jobs():
 
 
 # ---- Renders -------------------------------------------------------------------------------------------
-
-
 def slab_scene(**kwargs) -> sg.Scene:
     return sg.Scene(
         wavelength=1.0, medium=sg.Slab(thickness=200.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(g=0.6)),

@@ -57,8 +57,6 @@ def layers(albedo: float, optical_depth: float) -> sg.Scene:
 
 
 # ---- Right ---------------------------------------------------------------------------------------------
-
-
 def test_the_memory_effect_of_a_deep_slab():
     """Analog paths gave a single share of 0.226 at optical depth 40, albedo 0.5."""
     found = sg.memory_effect(slab(0.5, 40.0), wavelength=0.5, tilts=[0.0], reverse=False)
@@ -101,8 +99,6 @@ def test_a_planned_render_is_right_within_its_error(albedo, depth):
 
 
 # ---- Refused -------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("albedo", "depth"), [(0.5, 40.0), (0.9, 30.0), (0.9, 100.0)])
 def test_paths_that_are_not_drawn_across_are_refused(albedo, depth):
     medium = slab(albedo, depth)
@@ -177,8 +173,6 @@ def test_light_falls_in_flatland_as_the_closed_form_says(albedo):
 
 
 # ---- Dark views beside bright ones ---------------------------------------------------------------------
-
-
 def test_dark_views_beside_bright_ones_are_told():
     """Optical depth 40, albedo 0.9: single scattering was 0.11 of exact at the dark view, without a word."""
     both = seen(box(0.9, 40.0), BACK, AHEAD)

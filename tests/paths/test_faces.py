@@ -41,8 +41,6 @@ def direction(x, z=1.0, y=0.0):
 
 
 # ---- Fresnel --------------------------------------------------------------------------------------------
-
-
 def literal(mu, inside, outside):
     """R by complex amplitudes, as textbooks have it."""
     nu = np.sqrt(1 - (inside / outside) ** 2 * (1 - mu**2) + 0j)
@@ -82,8 +80,6 @@ def test_faces_turn_back_diffuse_light(index, wall, expected):
 
 
 # ---- Matched faces, and the way there -------------------------------------------------------------------
-
-
 def test_matched_faces_are_none():
     plain = sg.Slab(thickness=9.0, mean_free_path=2.0, scatterer=sg.Isotropic())
     same = plain.replace(faces=sg.Faces(inside=1.4, outside=1.4))
@@ -258,15 +254,6 @@ def test_trapped_light_comes_out_late(index, expected, error):
     assert_z(value, expected, np.hypot(own, error), degrees=DEGREES)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("optical_depth", "index", "half", "digit"), [
-    (5, 1.0, 18.4, 0.05), (5, 1.33, 16.4, 0.05), (5, 1.5, 14.7, 0.05), (20, 1.0, 1.416, 5e-4), (20, 1.33, 0.917, 5e-4),
-    (20, 1.5, 0.773, 5e-4),
-])  # fmt: skip
-def test_half_ranges_of_forward_scattering(optical_depth, index, half, digit):
-    check_half_range(estimate_correlation(slab(optical_depth, 0.9, index), 600_000, 1), half, digit)
-
-
 @pytest.mark.parametrize(
     ("optical_depth", "index", "slack", "paths"),
     [(10, 1.33, 0.015, 40_000), (20, 1.5, 0.004, 20_000)]
@@ -309,8 +296,6 @@ def test_diffusion_behind_faces_has_its_figures():
 
 
 # ---- Backscattering -------------------------------------------------------------------------------------
-
-
 def cone(medium, angles, paths, seed=1):
     """Enhancement by reversed paths at ``angles`` off -i, wavelength 2 pi mean free paths over 500, and its error."""
     wavelength = 2 * np.pi * medium.mean_free_path / 500
@@ -366,8 +351,6 @@ def test_paths_weighed_both_ways_are_as_bright():
 
 
 # ---- Samplers, mean, refusals ---------------------------------------------------------------------------
-
-
 def scene(medium, sensor, tilts=(0.0, 1e-3), width=4000.0):
     beams = sg.CollimatedBeams(directions=[direction(t) for t in tilts], width=width)
     return sg.Scene(wavelength=0.5, medium=medium, illumination=beams, sensor=sensor)

@@ -19,8 +19,6 @@ def slab(g, mean_free_path, optical_depth, kind="HG"):
 
 
 # ---- The overlap of two lobes ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("concentration", [10.0, 333.0, 1e5])
 def test_the_overlap_of_gaussian_lobes_is_closed(concentration):
     """int e^(kappa (a + b) . w / 2) dw = 4 pi sinh(kappa c) / (kappa c), c = cos(t / 2)."""
@@ -111,8 +109,6 @@ def test_a_gaussian_lobe_follows_its_closed_form():
 
 
 # ---- Who is told ----------------------------------------------------------------------------------------
-
-
 def scene(medium, tilt, width=20000.0):
     directions = [[0, 0, 1], [np.sin(tilt), 0, np.cos(tilt)]]
     return sg.Scene(

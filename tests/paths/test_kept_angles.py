@@ -269,8 +269,6 @@ def test_the_way_backwards_is_that_of_the_paths_reversed(scene):
 
 
 # ---- Where -----------------------------------------------------------------------------------------------
-
-
 def test_scenes_in_which_lobes_are_one_are_as_before(scene):
     def middle(**beams):
         return middle_light(scene.replace(illumination=sg.CollimatedBeams.tilts(width=WIDTH, **beams)))

@@ -193,56 +193,6 @@ def test_light_along_the_axis_is_that_of_the_densities_and_the_same_either_way()
     assert_z(narrow.transmitted[0], light.mean(), np.hypot(narrow.transmitted_error[0], errors[0]), slack=0.01)
 
 
-def test_a_slab_behind_faces_and_its_layers_remember_alike():
-    """The slab by paths that are aimed, the layers by light that is not; and with an index of their own."""
-    slab = SLAB.replace(motion=sg.Brownian(diffusion=1e-6), albedo=1.0)
-    ask = {"wavelength": 0.01, "paths": 64 * 1000, "threads": 1}
-    tilts = np.array([0.0, 0.001, 0.003])
-    lags = np.array([0.0, 1.0])
-    by_faces = sg.Layers(in_layers(slab, 3), faces=slab.faces)
-    by_index = sg.Layers(in_layers(slab, 3, index=1.5))
-    # In index 1 the wavelength is longer by 1.5, and so is the sine.
-    outside = ask | {"wavelength": 0.015}
-    steeper = np.arcsin(1.5 * np.sin(tilts))
-    curves = [
-        sg.memory_effect(slab, tilts=tilts, **ask), sg.memory_effect(by_faces, tilts=tilts, **ask),
-        sg.memory_effect(by_index, tilts=steeper, seed=1, **outside),
-    ]  # fmt: skip
-    films = [
-        sg.temporal_correlation(slab, lags=lags, tilts=tilts[1], **ask),
-        sg.temporal_correlation(by_faces, lags=lags, tilts=tilts[1], **ask),
-        sg.temporal_correlation(by_index, lags=lags, tilts=steeper[1], seed=1, **outside),
-    ]
-    for found in (curves, films):
-        for other in found[1:]:
-            assert_z(other.intensity, found[0].intensity, np.hypot(other.standard_error, found[0].standard_error))
-    assert curves[0].intensity[2] < 0.9
-    assert films[0].intensity[1] < 0.9 * films[0].intensity[0]
-    pairs = {"shifts": [0.0, 0.002], "lags": 1.0}
-    joint = [
-        sg.joint_correlation(slab, tilts=[0.001], **pairs, **ask),
-        sg.joint_correlation(by_index, tilts=[0.0015], seed=1, **pairs, **outside),
-    ]
-    errors = np.hypot(joint[0].standard_error, joint[1].standard_error)
-    assert_z(joint[1].magnitude, joint[0].magnitude, errors)
-    assert 1.5 * joint[1].plane == pytest.approx(joint[0].plane, rel=0.1)
-
-
-def test_a_layer_that_says_no_index_is_what_it_was():
-    plain = [layer.replace(index=None) for layer in TWO.layers]
-    assert "index" not in plain[0].canonical_json()
-    medium = sg.Layers(plain)
-    assert (medium.refracts, medium.indices) == (False, ())
-    said = sg.Layers([layer.replace(index=1.4) for layer in plain], faces=sg.Faces(inside=1.4))
-    assert (said.refracts, said.indices) == (True, ())
-    assert (TWO.refracts, TWO.indices) == (True, (1.5, 1.2))
-    assert sg.Layers.from_json(TWO.canonical_json()) == TWO
-    found = [
-        sg.reflectance_transmittance(each, paths=500) for each in (said, medium.replace(faces=sg.Faces(inside=1.4)))
-    ]
-    assert found[0].reflectance == found[1].reflectance
-
-
 def test_what_layers_that_refract_do_not_serve_is_refused():
     light = sg.CollimatedBeams.tilts([0.0, 1e-3], width=500.0)
     ask = {"wavelength": 0.01, "paths": 64}

@@ -47,8 +47,6 @@ def same(one, two) -> bool:
 
 
 # ---- Purity --------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("albedo", [1.0, 0.7])
 @pytest.mark.parametrize("threshold", [0.0, 1.0])
 def test_the_bank_does_not_depend_on_threads_or_splits(albedo, threshold):
@@ -80,8 +78,6 @@ def test_a_block_that_needs_more_room_is_traced_again():
 
 
 # ---- Weights -------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
 @pytest.mark.parametrize("g", [-0.5, 0.0, 0.9])
 def test_full_weights_are_those_of_the_formula(profile, g):
@@ -123,8 +119,6 @@ def test_thinning_is_unbiased(g, reverse):
 
 
 # ---- Energy --------------------------------------------------------------------------------------------
-
-
 @njit
 def _henyey_greenstein_around(axes, g, u, v, out):
     """Directions about ``axes`` by the textbook inversion, in the textbook frame: no code of the kernels."""
@@ -211,8 +205,6 @@ def test_views_summed_one_by_one_hold_the_same_energy(g):
 
 
 # ---- Transmission --------------------------------------------------------------------------------------
-
-
 def transmittance(medium: sg.Slab, paths: int, seed: int) -> np.ndarray:
     """Batch means of the transmittance, isotropic scatterers: int_0^1 e^(-t/mu) dmu / 2 = E2(t)/2 a connection."""
     proposal = replace(plane_proposal(medium, AXIS, AXIS), threshold=slab_transmission(medium.optical_depth))
@@ -264,8 +256,6 @@ def test_double_scattering_of_a_thin_slab(optical_depth):
 
 
 # ---- First vertices ------------------------------------------------------------------------------------
-
-
 @njit
 def _footprint(code, extent, u, out):
     for n in range(len(u)):
@@ -342,8 +332,6 @@ def test_single_scattering_has_its_closed_form():
 
 
 # ---- Bounds --------------------------------------------------------------------------------------------
-
-
 def test_paths_cut_by_max_order_are_reported():
     medium = slab(20)
     proposal = plane_proposal(medium, AXIS, AXIS)

@@ -40,8 +40,6 @@ def unit(*vector: float) -> np.ndarray:
 
 
 # ---- The mode ------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("albedo", [0.3, 0.5, 0.9, 0.99])
 def test_isotropic_light_falls_as_the_closed_form_says(albedo):
     """nu solves albedo/nu artanh(nu) = 1."""
@@ -139,8 +137,6 @@ def test_events_are_foretold():
 
 
 # ---- Who is drawn --------------------------------------------------------------------------------------
-
-
 def test_only_what_needs_it_is_drawn():
     """Not where paths cross by themselves; not for light that comes back; not where paths serve both ways."""
     back = unit(0.3, 0, -1)

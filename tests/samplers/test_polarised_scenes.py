@@ -158,10 +158,3 @@ REFUSED = {
 def test_what_is_not_known_is_refused(name):
     call, told = REFUSED[name]
     assert_refused(call, told)
-
-
-def test_scenes_are_written_without_loss_and_without_what_does_nothing():
-    assert sg.Scene.from_toml(scene().to_toml()) == scene()
-    plain = scene(None, slab(polarisation="scalar"))
-    assert "polarisers" not in plain.to_toml()
-    assert scene().fingerprint() != scene(CROSSED).fingerprint()

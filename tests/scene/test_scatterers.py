@@ -100,8 +100,6 @@ def test_a_mixture_of_one_type_is_that_type():
 
 
 # ---- Tables --------------------------------------------------------------------------------------------
-
-
 def test_a_table_keeps_phase_and_shape():
     for d in (2, 3):
         s = RIPPLES.amplitude(np.cos(RIPPLES.theta), d)
@@ -211,8 +209,6 @@ def test_without_miepython_the_error_says_what_to_install(monkeypatch):
 
 
 # ---- Errors and round trips ----------------------------------------------------------------------------
-
-
 def tabulated(theta=(0.0, 1.0, PI), amplitude=(1.0, 1.0, 1.0)):
     return sg.Tabulated(theta=theta, amplitude=amplitude)
 

@@ -1,6 +1,5 @@
 """The multi-exposure model turned round: what it was made of comes back, and noise as another program has it."""
 
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

@@ -1,6 +1,5 @@
 """Contrast of exposures: against quadrature, matrices of pairs, radiative transfer, and simulated grains."""
 
-
 import mpmath
 import numpy as np
 import pytest

@@ -1,6 +1,5 @@
 """The main job end to end: the packaged recipes through real data loaders and a real store."""
 
-
 import numpy as np
 from zscore import assert_z, limit, refute_z
 

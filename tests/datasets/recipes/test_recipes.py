@@ -2,13 +2,11 @@
 
 import json
 import pickle
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from fake_recipe import assert_same
-from PIL import Image
 from quick_recipes import few_paths, packaged, quick_recipe
 from refusals import assert_refused
 from typer.testing import CliRunner
@@ -328,46 +326,6 @@ def test_shown_recipe_is_the_recipe(tmp_path):
         assert load_recipe(file).fingerprint() == load_recipe(name).fingerprint()
 
 
-def test_a_bench_that_inherits_has_the_faces_of_its_index(tmp_path):
-    """As docs/start.md writes it: across the object C_I is .75, not the .94 of matched faces."""
-    page = (Path(__file__).parents[3] / "docs/start.md").read_text()
-    table = page.partition("```toml")[2].partition("```")[0].replace('path = "my-images"', f'path = "{tmp_path}"')
-    for number in range(12):
-        Image.fromarray(np.full((8, 8), 20 * number + 5, np.uint8)).save(tmp_path / f"{number}.png")
-    (tmp_path / "setup.toml").write_text(table)
-    found = {}
-    for faces in ("fresnel", "matched"):
-        changes = {} if faces == "fresnel" else {"lab": {"faces": faces}}
-        setup = load_recipe(tmp_path / "setup.toml", changes)
-        lab = setup.lab
-        across = 2 * np.pi / lab.wavelength * lab.object_extent / lab.object_distance
-        found[faces] = float(setup.material.known(setup.material.extremes()[0]).correlation(across)) ** 2
-    # 100 000 paths leave .003; an object of the same setup twice as wide would be off by .1.
-    assert found["fresnel"] == pytest.approx(0.748, abs=0.015)
-    assert found["matched"] == pytest.approx(0.939, abs=0.015)
-
-
-IDEALISED = {
-    "through-slab": {"faces", "polarisation", "bandwidth", "iris"},
-    "through-slab-lab": {"polarisation", "iris"},
-    "ground-glass": {"polarisation", "bandwidth", "iris"},
-    "brownian-slab": {"faces", "polarisation", "bandwidth", "iris"},
-    "dynamic-slab": {"faces", "polarisation", "bandwidth", "iris", "motion"},
-    "moving-diffuser": {"polarisation", "bandwidth", "iris"},
-    "tilt-stack": {"faces", "polarisation", "bandwidth", "iris"},
-}
-
-
-@pytest.mark.parametrize("name", IDEALISED)
-def test_plan_and_card_name_what_is_idealised(name):
-    recipe = quick_recipe(name)
-    told = {d.part for d in recipe.plans()[0].decisions if d.reason.startswith("idealised")}
-    assert told == IDEALISED[name]
-    for part in told:
-        assert f"- {part}: left out: idealised" in recipe.plans()[0].explain()
-        assert f"Left out: {part}, idealised" in recipe.rendering_note
-
-
 def test_what_a_recipe_models_is_not_called_idealised():
     band = {"light": {"bandwidth": 1e-6, "polarised": False}}
     told = {d.part: d.reason for d in load_recipe("through-slab", band).plans()[0].decisions}
@@ -377,17 +335,6 @@ def test_what_a_recipe_models_is_not_called_idealised():
     assert "although the refractive index is 1.4" in oiled.explain()
     vacuum = load_recipe("through-slab-lab", {"lab": {"faces": "matched", "refractive_index": 1.0}}).plans()[0]
     assert "- faces:" not in vacuum.explain()
-
-
-def test_the_law_of_a_changing_slab_has_a_name():
-    """It is the default and changes no fingerprint; another one, or one beside screens that move, is refused."""
-    named = load_recipe("dynamic-slab")
-    assert named.dynamics.model == "autoregression"
-    assert '"model"' not in named.canonical_json()
-    with pytest.raises(RuleError, match="Dynamics.model must be one of autoregression"):
-        load_recipe("dynamic-slab", {"dynamics": {"model": "ballistic"}})
-    with pytest.raises(RuleError, match="Dynamics.model must be left out where velocities"):
-        load_recipe("moving-diffuser", {"dynamics": {"model": "autoregression"}})
 
 
 # First three pixels of the middle row (of the last image) of sample 0 of seed 0 of train, and the mean.

@@ -1,6 +1,5 @@
 """The benchmark: frozen tasks, functions that see nothing but the image, tables that say whether they are complete."""
 
-import csv
 import itertools
 import os
 import re
@@ -20,7 +19,7 @@ from specklegen.models.judging import baselines
 from specklegen.models.judging.benchmark import BASELINES, TOLD, blinded
 from specklegen.models.judging.fitted import fitted
 from specklegen.models.judging.isolation import Limits
-from specklegen.models.judging.results import DIGITS, SHOWN, Results
+from specklegen.models.judging.results import DIGITS, SHOWN
 from specklegen.models.judging.tasks import SAMPLES, SEED, TASKS, VERSION, digest, task
 from specklegen.models.learning.reconstructor import load_pretrained
 from specklegen.models.metrics import align, pearson
@@ -244,23 +243,6 @@ def test_films_are_scored(name, beside):
     results = benchmark(knowing(task(name).recipe()), baselines=beside, tasks=[name], samples=2)
     assert results.interval("yours", name).mean == pytest.approx(1, rel=1e-5)
     assert all(results.interval(each, name).mean > 0.3 for each in results.functions)
-
-
-def test_tables_say_what_they_are(found, tmp_path):
-    results, _ = found
-    assert not results.complete
-    assert "Not a complete run" in results.markdown()
-    thin = results.evaluations["thin"]
-    whole = Results({each.name: thin.part(np.arange(each.samples) % 18) for each in TASKS}, 112)
-    assert whole.complete
-    assert "Not a complete run" not in whole.markdown()
-    assert not Results(whole.evaluations | {"thin": thin}, 112).complete
-    results.write(tmp_path)
-    rows = list(csv.DictReader((tmp_path / "results.csv").open()))
-    assert {row["fingerprint"] for row in rows} == {task("thin").fingerprint}
-    row = next(r for r in rows if (r["method"], r["target"], r["score"]) == ("mean image", "sharp", "pearson"))
-    assert float(row["mean"]) == results.interval("mean image", "thin").mean
-    assert "| thin |" in (tmp_path / "results.md").read_text()
 
 
 def test_scores_stand_beside_their_chance(found, tmp_path):

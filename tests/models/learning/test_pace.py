@@ -1,9 +1,7 @@
 """How fast images come, and how fast a network takes them: of an epoch, in its log and in words."""
 
-import pytest
 import torch
 
-from specklegen.cli.training import fed
 from specklegen.models import Training, train
 from specklegen.models.learning import run as run_of_training
 from specklegen.models.learning.examples import Examples
@@ -46,11 +44,3 @@ def test_the_log_says_how_fast_images_came_and_how_fast_they_were_trained_on(tmp
     train(settings, (batches, 3), held_out, tmp_path)
     rates = [(row["made_per_second"], row["trained_per_second"]) for row in read_log(tmp_path)]
     assert rates == [(4.0, 16.0)] * 2, "8 images in 2 s, and in half a second"
-
-
-@pytest.mark.parametrize(
-    ("made", "trained", "waits"), [(100.0, 900.0, "90%"), (300.0, 100.0, "25%"), (1000.0, 100.0, "")]
-)
-def test_words_say_what_share_of_the_time_the_network_waits(made, trained, waits):
-    words = fed(made, trained)
-    assert (f"waits {waits} of the time" in words) if waits else ("keeps the network fed" in words)

@@ -1,6 +1,5 @@
 """The model in the package: small, described, and better than knowing nothing, on slabs that it has never seen."""
 
-
 import numpy as np
 import torch
 from refusals import assert_refused

@@ -9,7 +9,7 @@ from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.objects.outlines import CHARACTERS
-from specklegen.models.judging.answers import Classification, Regression, judge
+from specklegen.models.judging.answers import Classification, judge
 from specklegen.models.learning import inputs
 from specklegen.models.learning.examples import Examples, batches_of, examples, streamed
 from specklegen.models.learning.reconstructor import Reconstructor
@@ -125,27 +125,6 @@ def test_labels_are_learned_from_a_stream_and_told(tmp_path):
 ])  # fmt: skip
 def test_settings_that_do_not_go_together_are_refused(fields, message):
     assert_refused(lambda: Training(**fields), message)
-
-
-def test_tables_of_answers(tmp_path):
-    """Counted by hand: four images of two classes, one of them wrong."""
-    probabilities = np.zeros((4, CLASSES))
-    probabilities[np.arange(4), [5, 6, 6, 9]] = 1
-    found = Classification(probabilities, np.array([5, 6, 6, 6]), np.arange(4))
-    assert found.accuracy().mean == 0.75
-    assert found.confusion[6, 9] == 1
-    found.write(tmp_path / "labels")
-    assert "| 6 | 9 | 1 | 3 |" in (tmp_path / "labels" / "summary.md").read_text()
-    assert len((tmp_path / "labels" / "confusion.csv").read_text().splitlines()) == 1 + CLASSES
-    true = np.random.default_rng(0).standard_normal((200, 4))
-    noisy = true + 0.5 * np.random.default_rng(1).standard_normal((200, 4))
-    scored = Regression(noisy, true, np.arange(200)).determination()
-    for name, expected in zip(MATERIAL, 1 - np.square(noisy - true).mean(0) / true.var(0), strict=True):
-        assert scored[name].mean == pytest.approx(expected)
-        assert scored[name].low < expected < scored[name].high
-        assert scored[name].low < 0.75 < scored[name].high  # 1 - 0.5^2
-    Regression(noisy, true, np.arange(200)).write(tmp_path / "material")
-    assert "| log10 thickness | 0." in (tmp_path / "material" / "summary.md").read_text()
 
 
 def test_materials_without_these_numbers_are_refused():

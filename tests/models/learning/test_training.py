@@ -119,24 +119,6 @@ def test_seconds_count_everything(tmp_path, clock):
     assert checkpoint(tmp_path)["epoch"] == 2  # one step, and its epoch ends
 
 
-def test_steps_to_come_are_told(tmp_path):
-    """All epochs' without a budget; with one as many as it will do for."""
-    told = []
-    train(SETTINGS, DATA, HELD_OUT, tmp_path / "all", steps=lambda *n: told.append(n))
-    assert told == [(n + 1, 15) for n in range(15)]
-    told.clear()
-
-    def slow(epoch, first):
-        for n in range(first, 5):
-            time.sleep(0.02)
-            yield DATA.inputs[8 * n : 8 * n + 8].float(), DATA.targets[8 * n : 8 * n + 8]
-
-    many = SETTINGS.replace(epochs=1000)
-    train(many, (slow, 5), HELD_OUT, tmp_path / "some", seconds=0.5, steps=lambda *n: told.append(n))
-    assert all(done <= total <= 26 for done, total in told)
-    assert told[-1][0] == told[-1][1]
-
-
 def test_training_streams_share_media_where_none_is_shared():
     recipe = load_recipe("unknown-slab")
     assert sharing_media(recipe) == recipe.replace(media_group=8)

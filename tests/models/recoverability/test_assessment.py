@@ -11,7 +11,7 @@ from specklegen.models.learning.solver import load_solver
 from specklegen.models.likelihood.likelihood import SpeckleLikelihood
 from specklegen.models.likelihood.periodogram import periodogram
 from specklegen.models.metrics import alignment
-from specklegen.models.recoverability.assessment import _beyond, reconstruct_and_assess, setup_of
+from specklegen.models.recoverability.assessment import reconstruct_and_assess, setup_of
 from specklegen.models.retrieval.autocorrelation import envelope
 
 SLAB = {"material": {"thickness": 1000.0, "optical_depth": 10.0, "g": 0.9}}
@@ -108,12 +108,6 @@ def test_no_probability_where_it_is_not_calibrated():
         assert one.reasons[0].numbers.startswith("skewness without the object")
         assert one.reasons[0].numbers.endswith("fitted to 50 to 60")
         assert "probability" not in one._facts()
-
-
-def test_logarithms_are_said_as_the_numbers_themselves():
-    said = _beyond("logarithm of the grain in object pixels", np.log(3.7), np.log(1.1), np.log(3.6))
-    assert said == "grain in object pixels 3.7, fitted to 1.1 to 3.6"
-    assert _beyond("blur", 0.5, 0.0, 0.25) == "blur 0.5, fitted to 0 to 0.25"
 
 
 def test_shapes_are_checked():

@@ -82,20 +82,6 @@ def test_fields_have_the_covariance(reverse):
     assert gap <= 1.1 / np.sqrt(BATCHES * per_batch) * 3
 
 
-def test_a_kind_split_into_itself_is_itself():
-    """A17: within noise; a kind without a share changes no bit."""
-    kind = sg.HenyeyGreenstein(g=0.6)
-    one = flat_box([0.0], views([0, 60, 180]), scatterer=kind)
-    split = one.replace(medium=one.medium.replace(scatterer=sg.Mixture(types=(kind, kind), fractions=(0.3, 0.7))))
-    assert_same(engine_batches(one, 100, reverse=True), engine_batches(split, 100, reverse=True, seed=7))
-    none = one.replace(
-        medium=one.medium.replace(scatterer=sg.Mixture(types=(kind, sg.Isotropic()), fractions=(1.0, 0.0)))
-    )
-    alone = one.replace(medium=one.medium.replace(scatterer=sg.Mixture(types=(kind,), fractions=(1.0,))))
-    first, second = (sg.covariance(scene, paths=200, seed=1, reverse=True).value for scene in (none, alone))
-    np.testing.assert_array_equal(first, second)
-
-
 def test_moving_the_medium_turns_phases():
     """u_iv gains e^(ik(i - v).t): path by path, for the paths themselves move along."""
     shift = np.array([3.25, -1.5])

@@ -81,19 +81,3 @@ def test_the_unit_of_length_sways_no_choice(kind):
     for unit in (1e-3, 0.7, 532.0, 1e9 / 3):
         assert scene(unit).unitless_fingerprint() == print_
     assert scene(1.0, 1 + 1e-6).unitless_fingerprint() != print_
-
-
-def test_a_gate_near_its_threshold_stays_where_it_is_in_another_unit():
-    """The pilot finds the same share of multiple scattering, so a tolerance beside that share decides alike."""
-    from specklegen.paths.pilot import volume_pilot
-
-    def scene(unit: float) -> sg.Scene:
-        one = thin(200.0)
-        medium = one.medium
-        return one.replace(
-            wavelength=unit,
-            medium=medium.replace(lower=unit * medium.lower, upper=unit * medium.upper, mean_free_path=unit * 200.0),
-        )
-
-    shares = [volume_pilot(scene(unit), True).multiple_share for unit in (1.0, 532e-9, 3.3)]
-    np.testing.assert_allclose(shares, shares[0], rtol=1e-9)

@@ -33,8 +33,6 @@ def relative(found: np.ndarray, expected: np.ndarray) -> float:
 
 
 # ---- The direct sum ------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("reverse", [False, True])
 @pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -93,8 +91,6 @@ def test_random_phases_are_those_of_path_and_order():
 
 
 # ---- Symmetries ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("reverse", [False, True])
 def test_moving_the_medium_turns_every_entry_by_its_phase(reverse):
     """u_iv -> u_iv e^(ik(i - v) . t), up to the phase that the dropped references share between all entries."""
@@ -151,8 +147,6 @@ def test_the_pattern_moves_with_the_tilt(side, axis):
 
 
 # ---- Reversed paths ------------------------------------------------------------------------------------
-
-
 def powers(bank, layout, view, *, reverse: bool) -> np.ndarray:
     """Batch means of |a|^2 at one light and view: [64, (single, multiple, multiple that ends inside the beam)]."""
     one, layout = bank.orders == 1, layout.of_views(view[None])

@@ -12,9 +12,8 @@ import torch
 from refusals import assert_refused
 
 import specklegen as sg
-from specklegen.datasets import SpeckleCache, SpeckleStream, load_recipe
+from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.parts.sampler import NUMBERS
-from specklegen.datasets.store.generate import generate
 from specklegen.memory_effects.atlas import atlas_correlation
 from specklegen.samplers.stationary.convolution import PART, Complete, Convolution, scene_loss
 
@@ -101,19 +100,6 @@ def test_one_pitch_before_materials_of_many_ranges_needs_modes_for_all():
     assert {made.sampler for made in plans} == {"stationary"}
     assert recipe.rendering.name == "stationary"
     assert any("other media of the recipe" in d.reason for made in plans for d in made.decisions)
-
-
-def test_samples_are_the_same_alone_streamed_and_stored(tmp_path):
-    recipe = load_recipe("through-slab", SMALL)
-    batch = recipe.batch(0, "train", range(4))
-    for n in (0, 3):
-        np.testing.assert_array_equal(recipe.sample(0, "train", n)["image"], batch["image"][n])
-    streamed = next(iter(SpeckleStream(recipe, batch_size=4).loader()))
-    at = {int(number): n for n, number in enumerate(streamed["index"])}
-    for number, n in at.items():
-        np.testing.assert_array_equal(streamed["image"][n], recipe.sample(0, "train", number)["image"])
-    generate(recipe, 0, "train", samples=4, folder=tmp_path / "a.zarr", processes=1)
-    np.testing.assert_array_equal(SpeckleCache(tmp_path / "a.zarr")[3]["image"], batch["image"][3])
 
 
 def test_complete_memory_has_one_mode_of_some_of_its_media():

@@ -146,8 +146,6 @@ def test_round_windows_have_round_speckle(profile):
 
 
 # ---- Forms, and literal sums ----------------------------------------------------------------------------
-
-
 def literal_stack(scene, sampler, kernel, seed, realization=0) -> np.ndarray:
     """u_t(v) = sum_x e^(-ik(v - i_t) . x) b(x) G_t(x) by a loop over tilts and one dense matrix an axis."""
     x, y = sampler.x, sampler.y
@@ -231,8 +229,6 @@ def test_kernel_is_positive_semidefinite_for_any_tilts(g):
 
 
 # ---- Criterion -----------------------------------------------------------------------------------------
-
-
 def criterion_scene(g, width, *, center=0.0) -> sg.Scene:
     """Optical depth 10, tilts to a half range and a whole one, a small grid ``center`` radians off the axis."""
     medium = slab(g=g)
