@@ -92,10 +92,8 @@ def _copied(source, target, non_blocking=False):
 
 # Below the operators that Python sees, torch moves the lists of an index to the device by these.
 _LIBRARY = torch.library.Library("aten", "IMPL")
-_LIBRARY.impl(
-    "empty_strided", lambda *shape, dtype=None, **_: Apart(torch.empty_strided(*shape, dtype=dtype)), "PrivateUse1"
-)
-_LIBRARY.impl(
-    "empty.memory_format", lambda *shape, dtype=None, **_: Apart(torch.empty(*shape, dtype=dtype)), "PrivateUse1"
-)
+_LIBRARY.impl("empty_strided", lambda *shape, dtype=None, **_: Apart(torch.empty_strided(*shape, dtype=dtype)),
+              "PrivateUse1")  # fmt: skip
+_LIBRARY.impl("empty.memory_format", lambda *shape, dtype=None, **_: Apart(torch.empty(*shape, dtype=dtype)),
+              "PrivateUse1")  # fmt: skip
 _LIBRARY.impl("_copy_from", _copied, "PrivateUse1")

@@ -30,17 +30,14 @@ from specklegen.models.learning.targets import TARGETS
 from specklegen.models.learning.training import Training, train
 
 FEW = {"material": {"kernel_paths": 2000}}
-CHANGES = {
-    "through-slab": FEW, "two-tilts": FEW, "through-slab-lab": FEW, "dynamic-slab": FEW, "brownian-slab": FEW,
-    "partially-coherent-slab": FEW, "lsci-slab": FEW, "masked-light-slab": FEW, "star-behind-slab": FEW,
-    "polarised-tissue": FEW, "refocus-stack": FEW, "tissue-microscope": FEW,
-    "flow-vessel": FEW | {"camera": {"shape": [48, 48]}},
-}  # fmt: skip
-QUICK = (
-    "through-slab", "two-tilts", "through-slab-lab", "dynamic-slab", "brownian-slab", "partially-coherent-slab",
-    "lsci-slab", "masked-light-slab", "star-behind-slab", "unknown-slab", "unseen-material", "tilt-stack",
-    "registered-tilts", "material-regression", "ground-glass", "double-diffuser", "moving-diffuser", "screen-stack",
-)  # fmt: skip
+CHANGES = {"through-slab": FEW, "two-tilts": FEW, "through-slab-lab": FEW, "dynamic-slab": FEW, "brownian-slab": FEW,
+           "partially-coherent-slab": FEW, "lsci-slab": FEW, "masked-light-slab": FEW, "star-behind-slab": FEW,
+           "polarised-tissue": FEW, "refocus-stack": FEW, "tissue-microscope": FEW,
+           "flow-vessel": FEW | {"camera": {"shape": [48, 48]}}}  # fmt: skip
+QUICK = ("through-slab", "two-tilts", "through-slab-lab", "dynamic-slab", "brownian-slab", "partially-coherent-slab",
+         "lsci-slab", "masked-light-slab", "star-behind-slab", "unknown-slab", "unseen-material", "tilt-stack",
+         "registered-tilts", "material-regression", "ground-glass", "double-diffuser", "moving-diffuser",
+         "screen-stack")  # fmt: skip
 LONG = ("polarised-tissue", "refocus-stack", "flow-vessel", "tissue-microscope", "characters-of-new-fonts",
         "points-beyond-range", "one-angular-size")  # fmt: skip
 SHOWN = {  # a recipe that has what a network is shown, and one that has what it is to say
@@ -48,10 +45,8 @@ SHOWN = {  # a recipe that has what a network is shown, and one that has what it
     "registered": "registered-tilts", "registered+power": "registered-tilts", "exposures": "lsci-slab",
     "local-contrast": "flow-vessel",
 }  # fmt: skip
-ASKED = {
-    "object": "through-slab", "label": "through-slab", "material": "material-regression", "range": "unknown-slab",
-    "motion": "lsci-slab", "contrast": "flow-vessel",
-}  # fmt: skip
+ASKED = {"object": "through-slab", "label": "through-slab", "material": "material-regression", "range": "unknown-slab",
+         "motion": "lsci-slab", "contrast": "flow-vessel"}  # fmt: skip
 RECIPE, OPTICS = load_recipe("through-slab", FEW), Optics(3.0, 3.0)
 kept: dict[tuple[str, str], dict] = {}
 
@@ -156,11 +151,10 @@ def test_scores(name):
 @pytest.mark.parametrize("told", [[], ["--target", "label", "--network", "residual"]])
 def test_train_makes_its_images_on_the_device(tmp_path, told):
     """By the command, with the tables at its beginning and end."""
-    run = CliRunner().invoke(app, [
-        "train", "through-slab", "--set", "material.kernel_paths=2000", "--set", "samples.train=8", *told,
-        "--width", "4", "--epochs", "1", "--batch-size", "4", "--validation-samples", "16", "--device", "apart",
-        "--seconds", "45", "--out", str(tmp_path / "run"),
-    ])  # fmt: skip
+    run = CliRunner().invoke(app, ["train", "through-slab", "--set", "material.kernel_paths=2000", "--set",
+                                   "samples.train=8", *told, "--width", "4", "--epochs", "1", "--batch-size", "4",
+                                   "--validation-samples", "16", "--device", "apart", "--seconds", "45", "--out",
+                                   str(tmp_path / "run")])  # fmt: skip
     assert run.exit_code == 0, run.output
     assert "training images are made on: apart" in run.output
     assert (tmp_path / "run" / "summary.md").exists()
@@ -181,14 +175,12 @@ def first_of(batch):
     return {"image": batch["image"][:1], "parameters": {name: each[:1] for name, each in batch["parameters"].items()}}
 
 
-LOOKED_AT = {
-    "solver": lambda image, light: load_solver().solve(*measured(first_of(image), RECIPE)).image,
-    "turn": lambda image, light: turn_of(image["image"][:, None], light, OPTICS).spreads,
-    "joint": lambda image, light: joint_objects(image["image"], light, OPTICS).image,
-    "assessment": lambda image, light: reconstruct_and_assess(image["image"][:1, None], RECIPE).each[0].image,
-    "photograph": lambda image, light: judge_photograph(image["image"][0]).probability,
-    "interval": lambda image, light: bootstrap(image["image"].mean((1, 2)), torch.arange(4)).mean,
-}
+LOOKED_AT = {"solver": lambda image, light: load_solver().solve(*measured(first_of(image), RECIPE)).image,
+             "turn": lambda image, light: turn_of(image["image"][:, None], light, OPTICS).spreads,
+             "joint": lambda image, light: joint_objects(image["image"], light, OPTICS).image,
+             "assessment": lambda image, light: reconstruct_and_assess(image["image"][:1, None], RECIPE).each[0].image,
+             "photograph": lambda image, light: judge_photograph(image["image"][0]).probability,
+             "interval": lambda image, light: bootstrap(image["image"].mean((1, 2)), torch.arange(4)).mean}  # fmt: skip
 
 
 @pytest.mark.parametrize("what", LOOKED_AT)
@@ -217,9 +209,8 @@ def set_by_a_program(name):
 
 
 def trained(folder):
-    data, held_out = (
-        examples(RECIPE, "autocorrelation", count, split=split) for count, split in ((8, "train"), (4, "validation"))
-    )
+    data, held_out = (examples(RECIPE, "autocorrelation", count, split=split) for count,
+                      split in ((8, "train"), (4, "validation")))  # fmt: skip
     return train(Training(width=4, epochs=1, batch_size=4), data, held_out, folder)(held_out.inputs.float())
 
 

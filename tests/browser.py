@@ -11,10 +11,8 @@ from urllib.parse import urlsplit
 from urllib.request import urlopen
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-QUIET = [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
-    "--disable-background-networking", "--disable-component-update",
-]  # fmt: skip
+QUIET = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+         "--disable-background-networking", "--disable-component-update"]  # fmt: skip
 PIERCING = """
 const all = (root, found = []) => {
   for (const each of root.querySelectorAll('*')) { found.push(each); if (each.shadowRoot) all(each.shadowRoot, found); }

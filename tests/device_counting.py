@@ -7,12 +7,10 @@ from torch.utils._pytree import tree_flatten
 from specklegen.synthesis.fused import KERNELS
 
 # Operators that make no kernel: they allocate, or look at memory that is there.
-FREE = {
-    "empty", "new_empty", "empty_like", "view", "_unsafe_view", "reshape", "expand", "select", "slice", "unsqueeze",
-    "squeeze", "permute", "transpose", "t", "detach", "alias", "unbind", "split", "split_with_sizes", "as_strided",
-    "view_as_real", "view_as_complex", "_to_copy_none", "unflatten", "lift_fresh", "real", "unfold", "empty_strided",
-    "view_dtype", "_reshape_alias",
-}  # fmt: skip
+FREE = {"empty", "new_empty", "empty_like", "view", "_unsafe_view", "reshape", "expand", "select", "slice", "unsqueeze",
+        "squeeze", "permute", "transpose", "t", "detach", "alias", "unbind", "split", "split_with_sizes", "as_strided",
+        "view_as_real", "view_as_complex", "_to_copy_none", "unflatten", "lift_fresh", "real", "unfold",
+        "empty_strided", "view_dtype", "_reshape_alias"}  # fmt: skip
 
 
 class Counting(TorchDispatchMode):

@@ -64,14 +64,11 @@ class FakeRecipe:
         key = np.random.SeedSequence([seed, SPLITS.index(split), index])
         random = np.random.Generator(np.random.Philox(key))
         level = random.exponential(1000 * self.thickness / 1000)
-        return {
-            "image": np.minimum(random.poisson(level, (self.side, self.side)), 65535).astype(np.uint16),
-            "field": random.normal(size=(2, self.side, self.side)).astype(np.float32),
-            "object": (random.random((3, 5)) < 0.3).astype(np.float32),
-            "level": np.float64(level),
-            "index": np.int64(index),
-            "parameters": {"thickness": self.thickness * (1 + random.random()), "level": level},
-        }
+        return {"image": np.minimum(random.poisson(level, (self.side, self.side)), 65535).astype(np.uint16),
+                "field": random.normal(size=(2, self.side, self.side)).astype(np.float32),
+                "object": (random.random((3, 5)) < 0.3).astype(np.float32), "level": np.float64(level),
+                "index": np.int64(index),
+                "parameters": {"thickness": self.thickness * (1 + random.random()), "level": level}}  # fmt: skip
 
     def batch(self, seed: int, split: str, indices: Sequence[int]) -> dict[str, Any]:
         return stack([self.sample(seed, split, index) for index in indices])

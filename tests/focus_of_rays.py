@@ -27,10 +27,9 @@ DISTANCES = [110, 120, 140, 160, 180, 200]  # of AXIS: z = 1.5, 3, 6, 9, 12, 15
 
 def focus(half_aperture=100.0, n_source=51, n_pixels=201, half_width=2.5):
     """The f/1 focus of the paper; a = 100 wavelengths unless said."""
-    return CylindricalFocus(
-        half_aperture=half_aperture, focal_length=2 * half_aperture, wavelength=1, n_source=n_source,
-        detector=TransverseDetector(half_width=half_width, n_pixels=n_pixels),
-    )  # fmt: skip
+    return CylindricalFocus(half_aperture=half_aperture, focal_length=2 * half_aperture, wavelength=1,
+                            n_source=n_source,
+                            detector=TransverseDetector(half_width=half_width, n_pixels=n_pixels))  # fmt: skip
 
 
 def axial_focus(z: Sequence[float] | np.ndarray = AXIS, n_source=51):

@@ -34,22 +34,14 @@ PATIENCE = 60
 HUGE = "9" * 5000
 WHOLE = ["-3", "0", "1", "2", "3", "7", "2.5", "x", "", "²", HUGE, "12345678901234567890", "-9223372036854775809"]
 REAL = ["-1", "0", "0.5", "1", "3", "nan", "inf", "-inf", "1e300", "1e-300", "1e400", "x", "", HUGE]
-WORDS = [
-    "", "x", "auto", "camera", "stationary", "reflection", "png", "train", "validation", "dense", "²/3", "1/0", "3/2",
-    "1/3",
-]  # fmt: skip
+WORDS = ["", "x", "auto", "camera", "stationary", "reflection", "png", "train", "validation", "dense", "²/3", "1/0",
+         "3/2", "1/3"]  # fmt: skip
 NAMES = ["through-slab", "tilt-stack", "two-tilts", "thruogh-slab", "unknown-slab"]
-FILES = [
-    "good.toml", "pictures.toml", "deep.toml", "deep.json", "deep-keys.toml", "huge.toml", "hex.toml", "huge.json",
-    "list.json",
-    "latin.toml", "binary.toml", "empty.toml", "circle-a.toml", "circle-spelt.toml", "chain-0.toml",
-    "inherits-7.toml",
-    "inherits-table.toml", "inherits-missing.toml", "kind-list.toml", "scene.toml", "scene.json", "model.pt",
-    "flipped.pt",
-    "folder", "folder/inner.toml", "store.zarr", "broken.zarr", "emptied.zarr", "nothing", "n" * 300, "pictures",
-    "odd-pictures",
-    "good.toml/inside", "loop",
-]  # fmt: skip
+FILES = ["good.toml", "pictures.toml", "deep.toml", "deep.json", "deep-keys.toml", "huge.toml", "hex.toml", "huge.json",
+         "list.json", "latin.toml", "binary.toml", "empty.toml", "circle-a.toml", "circle-spelt.toml", "chain-0.toml",
+         "inherits-7.toml", "inherits-table.toml", "inherits-missing.toml", "kind-list.toml", "scene.toml",
+         "scene.json", "model.pt", "flipped.pt", "folder", "folder/inner.toml", "store.zarr", "broken.zarr",
+         "emptied.zarr", "nothing", "n" * 300, "pictures", "odd-pictures", "good.toml/inside", "loop"]  # fmt: skip
 RECIPES = [*["through-slab"] * 40, *NAMES, *FILES]  # half of the lines go beyond their first argument
 STORES = [*["store.zarr"] * 30, *FILES]
 MODELS = [*["model.pt"] * 30, *FILES]
@@ -129,8 +121,7 @@ def make_files(folder: Path) -> None:
     texts = {
         "good.toml": 'inherits = "through-slab"\nname = "good"\n',
         "pictures.toml": 'inherits = "through-slab"\n[objects]\ntype = "Folder"\npath = "pictures"\n',
-        "deep.toml": "a = " + "[" * 3000 + "]" * 3000,
-        "deep-keys.toml": "a" + ".a" * 3000 + " = 1\n",
+        "deep.toml": "a = " + "[" * 3000 + "]" * 3000, "deep-keys.toml": "a" + ".a" * 3000 + " = 1\n",
         "deep.json": "[" * 100_000,
         "huge.toml": f"wavelength = {HUGE}\n",
         "hex.toml": 'inherits = "through-slab"\n[material]\ng = 0x' + "f" * 5000 + "\n",

@@ -21,10 +21,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-SETTINGS: dict[str, dict[str, str]] = {
-    "as it is": {}, "torch without AVX": {"ATEN_CPU_CAPABILITY": "default"},
-    "Numba for any processor": {"NUMBA_CPU_NAME": "generic"}, "MKL with AVX2": {"MKL_CBWR": "AVX2"},
-}  # fmt: skip
+SETTINGS: dict[str, dict[str, str]] = {"as it is": {}, "torch without AVX": {"ATEN_CPU_CAPABILITY": "default"},
+                                       "Numba for any processor": {"NUMBA_CPU_NAME": "generic"},
+                                       "MKL with AVX2": {"MKL_CBWR": "AVX2"}}  # fmt: skip
 """What is set in the environment, by its name; the first is what the others are compared with."""
 TOGETHER = "an older processor"
 """All of them at once."""
@@ -64,9 +63,8 @@ def compare_tests(selection: Sequence[str], settings: Sequence[str]) -> int:
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as beside:
         reports = [str(Path(folder) / f"{n}.xml") for n in range(len(settings))]
         options = "-m", "pytest", "-qq", "--tb=no", "-p", "no:cacheprovider"
-        each = beside.map(
-            lambda name, report: run(name, *options, f"--junit-xml={report}", *selection), settings, reports
-        )
+        each = beside.map(lambda name, report: run(name, *options, f"--junit-xml={report}", *selection), settings,
+                          reports)  # fmt: skip
         for name, report, status in zip(settings, reports, each, strict=True):
             if status not in (0, 1):  # 1: tests failed; all else: pytest did not run them
                 return status

@@ -12,10 +12,8 @@ from specklegen.models.calibration.prediction import predict
 
 WAVELENGTH, THICKNESS = 0.5, 1000.0
 FREE = ("thickness", "mean_free_path", "g")
-MATERIALS = {
-    "OD 5, g .9": (5.0, 0.9, 1.0), "OD 10, g .9": (10.0, 0.9, 1.0), "OD 3, g .6, albedo .99": (3.0, 0.6, 0.99),
-    "OD 20, g .8": (20.0, 0.8, 1.0),
-}  # fmt: skip
+MATERIALS = {"OD 5, g .9": (5.0, 0.9, 1.0), "OD 10, g .9": (10.0, 0.9, 1.0), "OD 3, g .6, albedo .99": (3.0, 0.6, 0.99),
+             "OD 20, g .8": (20.0, 0.8, 1.0)}  # fmt: skip
 
 
 class Bench(NamedTuple):
@@ -55,9 +53,8 @@ def exact_bench(slab: sg.Slab) -> Bench:
 
 def slab_of(depth: float, g: float, albedo: float = 1.0) -> sg.Slab:
     """A slab of Henyey-Greenstein scatterers."""
-    return sg.Slab(
-        thickness=THICKNESS, mean_free_path=THICKNESS / depth, albedo=albedo, scatterer=sg.HenyeyGreenstein(g)
-    )
+    return sg.Slab(thickness=THICKNESS, mean_free_path=THICKNESS / depth, albedo=albedo,
+                   scatterer=sg.HenyeyGreenstein(g))  # fmt: skip
 
 
 def fitted(bench: Bench, observations: list, free: tuple[str, ...] = FREE) -> sg.MaterialFit:

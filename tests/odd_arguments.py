@@ -231,19 +231,16 @@ def values() -> Iterator[Call]:
 @cache
 def laboratory():
     """A laboratory."""
-    return instrument.LabSetup(
-        wavelength=0.532, object_distance=2e5, object_extent=30.0, aperture=5e3, camera_distance=1e5, pixel_pitch=5.0,
-        pixels=[8, 8], oversampling=2, refractive_index=1.4,
-    )  # fmt: skip
+    return instrument.LabSetup(wavelength=0.532, object_distance=2e5, object_extent=30.0, aperture=5e3,
+                               camera_distance=1e5, pixel_pitch=5.0, pixels=[8, 8], oversampling=2,
+                               refractive_index=1.4)  # fmt: skip
 
 
 @cache
 def focus():
     """A cylindrical lens."""
-    return coherence.CylindricalFocus(
-        half_aperture=100.0, focal_length=1e4, wavelength=0.5, n_source=8,
-        detector=coherence.TransverseDetector(half_width=100.0, n_pixels=4),
-    )  # fmt: skip
+    return coherence.CylindricalFocus(half_aperture=100.0, focal_length=1e4, wavelength=0.5, n_source=8,
+                                      detector=coherence.TransverseDetector(half_width=100.0, n_pixels=4))  # fmt: skip
 
 
 VERB = {"paths": 200, "seed": 0, "threads": 1}
@@ -277,19 +274,14 @@ def verbs() -> Iterator[Call]:
     yield Call("render a film", sg.render, {"scene": FILM, "realizations": 1} | shared | drawn)
     yield Call("render_to_zarr", lambda **given: sg.render_to_zarr(out=fresh(), **given),
                {"scene": SCENE, "progress": False} | shared)  # fmt: skip
-    yield Call(
-        "render_partially_coherent", sg.render_partially_coherent,
-        {"scene": SCENE, "coherence_length": 10.0, "realizations": 1} | shared | drawn,
-    )  # fmt: skip
-    yield Call(
-        "transmission_matrix", sg.transmission_matrix, {"scene": SCENE, "modes": np.eye(2), "mean": False} | shared
-    )
+    yield Call("render_partially_coherent", sg.render_partially_coherent,
+               {"scene": SCENE, "coherence_length": 10.0, "realizations": 1} | shared | drawn)  # fmt: skip
+    yield Call("transmission_matrix", sg.transmission_matrix,
+               {"scene": SCENE, "modes": np.eye(2), "mean": False} | shared)  # fmt: skip
     yield Call("Budget", sg.Budget, {"paths": 9, "seed": 0, "threads": 1, "reverse": "auto", "tolerance": 0.02})
     yield Call("mean_field", sg.mean_field, {"scene": SCENE, "most_nodes": 2e8})
-    yield Call(
-        "reflectance_transmittance", sg.reflectance_transmittance,
-        {"medium": SLAB, "angle": 0.1, "angles": np.linspace(0, np.pi / 2, 4)} | VERB,
-    )  # fmt: skip
+    yield Call("reflectance_transmittance", sg.reflectance_transmittance,
+               {"medium": SLAB, "angle": 0.1, "angles": np.linspace(0, np.pi / 2, 4)} | VERB)  # fmt: skip
     effect = {"wavelength": 0.5, "tilts": [0.0, 0.01]}
     for mode in ("transmission", "reflection"):
         yield Call(
@@ -324,10 +316,8 @@ def verbs() -> Iterator[Call]:
     yield Call("Brownian.of_sphere", sg.Brownian.of_sphere,
                {"radius": 0.25, "viscosity": 1e-3, "temperature": 293.0, "unit": 1e-6})  # fmt: skip
     yield Call("Brownian.mean_square", sg.Brownian(diffusion=1.0).mean_square, {"lag": [0.0, 1.0]}, ("lag",))
-    yield Call(
-        "covariance", sg.covariance,
-        {"scene": SCENE, "pairs": [[0, 0, 1, 0]], "orders": "auto", "tolerance": 0.02} | shared,
-    )  # fmt: skip
+    yield Call("covariance", sg.covariance,
+               {"scene": SCENE, "pairs": [[0, 0, 1, 0]], "orders": "auto", "tolerance": 0.02} | shared)  # fmt: skip
     yield Call("covariance_blocks", sg.covariance_blocks, {"scene": SCENE, "rows": 2, "tolerance": 0.02} | shared)
     yield Call(
         "stack_like", sg.stack_like,
@@ -336,18 +326,15 @@ def verbs() -> Iterator[Call]:
             "seed": 0,
         },
     )  # fmt: skip
-    yield Call(
-        "render_tiles", sg.render_tiles,
-        {"scene": SCENE, "realization": 0, "mean": False} | shared | drawn | {"sampler": "paths"},
-    )  # fmt: skip
+    yield Call("render_tiles", sg.render_tiles,
+               {"scene": SCENE, "realization": 0, "mean": False} | shared | drawn | {"sampler": "paths"})  # fmt: skip
     yield Call("CollimatedBeams.tilts", sg.CollimatedBeams.tilts, {"angles": [0.0, 0.1], "width": 40.0})
     filmed = {"directions": np.eye(3)[[2, 2]], "width": 40.0, "times": [0.0, 1.0]}
     yield Call("CollimatedBeams", sg.CollimatedBeams, filmed | {"exposure": [0.5, 1.0], "sub_frames": 3})
     yield Call("PlaneWaves.tilts", sg.PlaneWaves.tilts, {"angles": [0.0, 0.1]})
     yield Call("FarField.angles", sg.FarField.angles, {"angles": [0.0, 0.1]})
-    yield Call(
-        "Tabulated.from_power", sg.Tabulated.from_power, {"theta": np.linspace(0, np.pi, 5), "power": np.ones(5)}
-    )
+    yield Call("Tabulated.from_power", sg.Tabulated.from_power,
+               {"theta": np.linspace(0, np.pi, 5), "power": np.ones(5)})  # fmt: skip
     for each in (
         ISOTROPIC,
         sg.HenyeyGreenstein(g=0.5),
@@ -422,9 +409,8 @@ def others() -> Iterator[Call]:
         {"camera": instrument.Camera(photons=10.0), "image": image, "streams": instrument.NoiseStreams.of(7)},
     )  # fmt: skip
     yield Call("instrument.depolarised", instrument.depolarised, {"image": image, "independent": image, "degree": 0.5})
-    yield Call(
-        "instrument.incoherent_sum", instrument.incoherent_sum, {"images": np.ones((2, 4, 4)), "weights": [1.0, 1.0]}
-    )
+    yield Call("instrument.incoherent_sum", instrument.incoherent_sum,
+               {"images": np.ones((2, 4, 4)), "weights": [1.0, 1.0]})  # fmt: skip
     yield Call("fit_camera", sg.fit_camera, {"pairs": Lazy(lambda: frames()[0]), "dark": Lazy(lambda: frames()[1]),
                                              "bit_depth": 12})  # fmt: skip
     yield Call("measured.read_measurement", measured.read_measurement,
@@ -451,9 +437,8 @@ def others() -> Iterator[Call]:
     yield bound("LabSetup.scene", laboratory().scene, medium=SLAB, brightness=np.ones((2, 2)))
     yield Call("load_recipe", load_recipe, {"source": "tilt-stack", "changes": {}})
     yield Call("Recipe.sample", recipe().sample, {"seed": 0, "split": "train", "index": 0}, ("seed", "split", "index"))
-    yield Call(
-        "Recipe.batch", recipe().batch, {"seed": 0, "split": "train", "indices": [0, 1]}, ("seed", "split", "indices")
-    )
+    yield Call("Recipe.batch", recipe().batch, {"seed": 0, "split": "train", "indices": [0, 1]},
+               ("seed", "split", "indices"))  # fmt: skip
     yield Call(
         "SpeckleStream", SpeckleStream,
         {
@@ -482,10 +467,8 @@ def others() -> Iterator[Call]:
             "seed": 0,
         },
     )  # fmt: skip
-    yield Call(
-        "models.measured_memory_effect", models.measured_memory_effect,
-        {"distance": [0.0, 1.0, 2.0, 3.0], "values": [1.0, 0.8, 0.4, 0.1]},
-    )  # fmt: skip
+    yield Call("models.measured_memory_effect", models.measured_memory_effect,
+               {"distance": [0.0, 1.0, 2.0, 3.0], "values": [1.0, 0.8, 0.4, 0.1]})  # fmt: skip
     yield Call(
         "models.retrieve", models.retrieve,
         {
@@ -493,13 +476,10 @@ def others() -> Iterator[Call]:
             "memory_effect": torch.ones(32, 32), "transfer": None, "seed": 0, "threads": 1,
         },
     )  # fmt: skip
-    yield Call(
-        "models.Optics", models.Optics, {"step": 0.1, "grain": 0.4, "profile": "square", "pixel_integration": False}
-    )
-    yield Call(
-        "models.SpeckleLikelihood", models.SpeckleLikelihood,
-        {"seen": seen(), "shape": (8, 8), "optics": models.Optics(0.1, 0.4)},
-    )  # fmt: skip
+    yield Call("models.Optics", models.Optics,
+               {"step": 0.1, "grain": 0.4, "profile": "square", "pixel_integration": False})  # fmt: skip
+    yield Call("models.SpeckleLikelihood", models.SpeckleLikelihood,
+               {"seen": seen(), "shape": (8, 8), "optics": models.Optics(0.1, 0.4)})  # fmt: skip
     yield Call(
         "models.turn_of", models.turn_of,
         {"images": IMAGES, "objects": IMAGES[:, 0, :8, :8] + 1.0, "optics": models.Optics(1.0, 3.0), "noise": 0.01},
@@ -517,10 +497,8 @@ def others() -> Iterator[Call]:
         "models.recoverable", models.recoverable,
         {"recipe": "through-slab", "compensation": True, "beam": np.inf, "removal": 0.0, "media": 1, "seed": 0},
     )  # fmt: skip
-    yield Call(
-        "models.judge_photograph", models.judge_photograph,
-        {"photographs": IMAGES[0], "dark": 0.0, "camera": instrument.Camera(photons=10.0)},
-    )  # fmt: skip
+    yield Call("models.judge_photograph", models.judge_photograph,
+               {"photographs": IMAGES[0], "dark": 0.0, "camera": instrument.Camera(photons=10.0)})  # fmt: skip
     yield Call(
         "models.evaluate", models.evaluate,
         {"methods": {"one": lambda batch: batch["image"]}, "batches": Lazy(hidden), "profile": "square"},
@@ -530,36 +508,24 @@ def others() -> Iterator[Call]:
 def waves() -> Iterator[Call]:
     """Public functions of wave tracing."""
     mesh, geometry = screen()
-    yield Call(
-        "aperture_transform", wavetracing.aperture_transform,
-        {"opening": SQUARE, "xi": [[0.1, 0.2]], "amplitude": 1.0, "tolerance": 1e-3},
-    )  # fmt: skip
-    yield Call(
-        "gaussian_mass", wavetracing.gaussian_mass, {"polygon": SQUARE, "covariance": np.eye(2), "mean": (0.0, 0.0)}
-    )
-    yield Call(
-        "GaussianBeam", wavetracing.GaussianBeam,
-        {"origin": [0.0] * 3, "direction": UP, "sigma": np.eye(2), "wavelength": 0.1, "rho": 0.0},
-    )  # fmt: skip
-    yield Call(
-        "bilinear_intensity", wavetracing.bilinear_intensity,
-        {"contributions": np.ones((3, 4), complex), "unbiased": True},
-    )  # fmt: skip
+    yield Call("aperture_transform", wavetracing.aperture_transform,
+               {"opening": SQUARE, "xi": [[0.1, 0.2]], "amplitude": 1.0, "tolerance": 1e-3})  # fmt: skip
+    yield Call("gaussian_mass", wavetracing.gaussian_mass,
+               {"polygon": SQUARE, "covariance": np.eye(2), "mean": (0.0, 0.0)})  # fmt: skip
+    yield Call("GaussianBeam", wavetracing.GaussianBeam,
+               {"origin": [0.0] * 3, "direction": UP, "sigma": np.eye(2), "wavelength": 0.1, "rho": 0.0})  # fmt: skip
+    yield Call("bilinear_intensity", wavetracing.bilinear_intensity,
+               {"contributions": np.ones((3, 4), complex), "unbiased": True})  # fmt: skip
     field = wavetracing.PlaneField(np.ones((8, 8), complex), 0.05, 0.1)
-    yield Call(
-        "PlaneField", wavetracing.PlaneField, {"values": np.ones((8, 8), complex), "pitch": 0.05, "wavelength": 0.1}
-    )
+    yield Call("PlaneField", wavetracing.PlaneField,
+               {"values": np.ones((8, 8), complex), "pitch": 0.05, "wavelength": 0.1})  # fmt: skip
     yield Call("illumination_of", wavetracing.illumination_of, {"fields": field, "power": 0.99})
     yield Call("window_losses", wavetracing.window_losses, {"fields": field})
     yield Call("Mask", wavetracing.Mask, {"values": np.ones((2, 3)), "pitch": 0.5, "center": [0.0, 0.0]})
-    yield Call(
-        "GaussianLaser", wavetracing.GaussianLaser,
-        {"position": [0.0] * 3, "direction": UP, "waist": 1.0, "wavelength": 0.1, "power": 1.0},
-    )  # fmt: skip
-    yield Call(
-        "WaveSum", wavetracing.WaveSum,
-        {"directions": np.array([UP]), "amplitudes": np.ones(1, complex), "wavelength": 0.1},
-    )  # fmt: skip
+    yield Call("GaussianLaser", wavetracing.GaussianLaser,
+               {"position": [0.0] * 3, "direction": UP, "waist": 1.0, "wavelength": 0.1, "power": 1.0})  # fmt: skip
+    yield Call("WaveSum", wavetracing.WaveSum,
+               {"directions": np.array([UP]), "amplitudes": np.ones(1, complex), "wavelength": 0.1})  # fmt: skip
     yield Call(
         "light_behind", wavetracing.light_behind,
         {"values": np.ones((2, 2), complex), "sensor": sg.FarField.grid((2, 2), 0.01), "wavelength": 0.1},
@@ -572,16 +538,13 @@ def waves() -> Iterator[Call]:
             "diffraction": "fraunhofer", "threads": 1,
         },
     )  # fmt: skip
-    yield Call(
-        "Mesh", wavetracing.Mesh, {"vertices": mesh.vertices, "faces": mesh.faces, "material": wavetracing.Absorber()}
-    )
+    yield Call("Mesh", wavetracing.Mesh,
+               {"vertices": mesh.vertices, "faces": mesh.faces, "material": wavetracing.Absorber()})  # fmt: skip
     yield Call("Geometry", wavetracing.Geometry, {"meshes": mesh})
-    yield Call(
-        "load_mesh (refused)", wavetracing.load_mesh, {"path": "/nonexistent.obj", "scale": 1.0, "material": None}
-    )
-    yield Call(
-        "perforated_screen", wavetracing.perforated_screen, {"outline": 4 * RING, "holes": [RING], "material": None}
-    )
+    yield Call("load_mesh (refused)", wavetracing.load_mesh,
+               {"path": "/nonexistent.obj", "scale": 1.0, "material": None})  # fmt: skip
+    yield Call("perforated_screen", wavetracing.perforated_screen,
+               {"outline": 4 * RING, "holes": [RING], "material": None})  # fmt: skip
     yield Call("itu_permittivity", wavetracing.itu_permittivity, {"name": "concrete", "frequency": 3e9})
     yield Call(
         "sample_pattern", wavetracing.sample_pattern,

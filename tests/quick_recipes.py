@@ -4,12 +4,10 @@ import pytest
 
 from specklegen.datasets import load_recipe, recipe_names
 
-KIN = {
-    "any-object": "unknown-slab", "characters-of-new-fonts": "unknown-slab", "one-angular-size": "unknown-slab",
-    "unseen-material": "unknown-slab", "through-slab-lab": "through-slab", "brownian-slab": "dynamic-slab",
-    "registered-tilts": "material-regression", "star-behind-slab": "masked-light-slab",
-    "tissue-microscope": "refocus-stack", "wide-field": "unknown-slab",
-}  # fmt: skip
+KIN = {"any-object": "unknown-slab", "characters-of-new-fonts": "unknown-slab", "one-angular-size": "unknown-slab",
+       "unseen-material": "unknown-slab", "through-slab-lab": "through-slab", "brownian-slab": "dynamic-slab",
+       "registered-tilts": "material-regression", "star-behind-slab": "masked-light-slab",
+       "tissue-microscope": "refocus-stack", "wide-field": "unknown-slab"}  # fmt: skip
 """Recipes that another one's program draws, from other numbers or objects: slow tests look at them too."""
 
 

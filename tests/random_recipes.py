@@ -7,26 +7,22 @@ from hypothesis import strategies as st
 from specklegen.datasets import recipe_names
 from specklegen.datasets.recipes.recipe_files import recipe_table
 
-BOXES = {
-    "name": "boxes", "kind": "volume-stack", "outline": {"width": 10.0, "voxels": [2, 2, 2], "contrast": 0.5},
-    "material": {"wavelength": 0.5, "thickness": 10.0, "optical_depth": 2.0, "g": 0.5}, "window": {"width": 8.0},
-    "camera": {"shape": [6, 6], "distance": 20.0}, "tilts": {"count": 2, "step": 0.01},
-}  # fmt: skip
-LAMPS = {
-    "name": "lamps", "kind": "volume-object", "outline": {"width": 10.0}, "window": {"width": 8.0},
-    "material": {"wavelength": 0.5, "thickness": 10.0, "optical_depth": 2.0, "g": 0.5}, "camera": {"shape": [6, 6]},
-    "objects": {"type": "Glyphs", "shape": [5, 4]}, "field": {"pitch": 0.02},
-}  # fmt: skip
+BOXES = {"name": "boxes", "kind": "volume-stack", "outline": {"width": 10.0, "voxels": [2, 2, 2], "contrast": 0.5},
+         "material": {"wavelength": 0.5, "thickness": 10.0, "optical_depth": 2.0, "g": 0.5}, "window": {"width": 8.0},
+         "camera": {"shape": [6, 6], "distance": 20.0}, "tilts": {"count": 2, "step": 0.01}}  # fmt: skip
+LAMPS = {"name": "lamps", "kind": "volume-object", "outline": {"width": 10.0}, "window": {"width": 8.0},
+         "material": {"wavelength": 0.5, "thickness": 10.0, "optical_depth": 2.0, "g": 0.5},
+         "camera": {"shape": [6, 6]}, "objects": {"type": "Glyphs", "shape": [5, 4]},
+         "field": {"pitch": 0.02}}  # fmt: skip
 CHOICES = {
     "profile": ["square", "disc", "gaussian"], "kernel": ["atlas", "estimate"], "faces": ["air", "matched"],
     "type": ["Bars", "Points", "Strokes", "Polygons", "Blobs", "Glyphs", "Digits", "GroundGlass", "PhaseScreen"],
 }  # fmt: skip
-ADDED = [
-    ("light", {"bandwidth": 1e-4}), ("light", {"bandwidth": 1e-3, "spectrum": "flat"}), ("light", {"polarised": False}),
-    ("exposure", {"photons": 1000.0, "full_well": 1e4, "bit_depth": 8}), ("exposure", {"photons": 0.1}),
-    ("media_group", 2), ("media", 3), ("media", "new"), ("sampler", "paths"), ("sampler", "stationary"),
-    ("mode_tolerance", 0.1), ("coherence_length", float("inf")), ("distance", 1e4), ("objects", {"type": "Points"}),
-]  # fmt: skip
+ADDED = [("light", {"bandwidth": 1e-4}), ("light", {"bandwidth": 1e-3, "spectrum": "flat"}),
+         ("light", {"polarised": False}), ("exposure", {"photons": 1000.0, "full_well": 1e4, "bit_depth": 8}),
+         ("exposure", {"photons": 0.1}), ("media_group", 2), ("media", 3), ("media", "new"), ("sampler", "paths"),
+         ("sampler", "stationary"), ("mode_tolerance", 0.1), ("coherence_length", float("inf")), ("distance", 1e4),
+         ("objects", {"type": "Points"})]  # fmt: skip
 WRONG = [0, -1, float("nan"), float("inf"), 1e300, 1e-300, 10**30, "x", "", None, True, [], {}, {"uniform": [2, 1]}]
 
 

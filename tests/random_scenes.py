@@ -30,10 +30,8 @@ def tables(draw) -> sg.Tabulated:
     return sg.Tabulated(theta=theta, amplitude=s if any(s) else np.ones(len(s)))
 
 
-particles = st.one_of(
-    st.just(sg.Isotropic()), anisotropies.map(lambda g: sg.HenyeyGreenstein(g=g)),
-    powers(-6, 4).map(lambda k: sg.VonMisesFisher(concentration=k)), tables(),
-)  # fmt: skip
+particles = st.one_of(st.just(sg.Isotropic()), anisotropies.map(lambda g: sg.HenyeyGreenstein(g=g)),
+                      powers(-6, 4).map(lambda k: sg.VonMisesFisher(concentration=k)), tables())  # fmt: skip
 mixtures = st.tuples(particles, particles, st.floats(0, 1)).map(
     lambda drawn: sg.Mixture(types=drawn[:2], fractions=(drawn[2], 1 - drawn[2]))
 )
@@ -44,9 +42,7 @@ scatterers = st.one_of(particles, mixtures)
 def slabs(draw, wavelength: float, kinds=scatterers) -> sg.Slab:
     free_path = wavelength * draw(powers(-1, 5))
     depth = draw(st.one_of(st.just(0.0), optical_depths))
-    return sg.Slab(
-        thickness=depth * free_path, mean_free_path=free_path, albedo=draw(albedos), scatterer=draw(kinds)
-    )  # fmt: skip
+    return sg.Slab(thickness=depth * free_path, mean_free_path=free_path, albedo=draw(albedos), scatterer=draw(kinds))
 
 
 def _corners(draw, dimension: int, thickness: float) -> tuple[np.ndarray, np.ndarray]:
@@ -75,10 +71,8 @@ def voxel_grids(draw, wavelength: float, dimension: int) -> sg.VoxelGrid:
     albedo = np.where(np.array(factors) > 1e3, 0.3, draw(albedos)).reshape(shape)
     kinds = draw(st.lists(scatterers, min_size=1, max_size=2))
     material = draw(st.lists(st.integers(0, len(kinds) - 1), min_size=count, max_size=count))
-    return sg.VoxelGrid(
-        lower=lower, upper=upper, extinction=base * np.reshape(factors, shape), albedo=albedo,
-        material=np.reshape(material, shape), scatterers=tuple(kinds),
-    )  # fmt: skip
+    return sg.VoxelGrid(lower=lower, upper=upper, extinction=base * np.reshape(factors, shape), albedo=albedo,
+                        material=np.reshape(material, shape), scatterers=tuple(kinds))  # fmt: skip
 
 
 @st.composite
@@ -129,10 +123,9 @@ def scenes(draw) -> sg.Scene:
     elif source is sg.PlaneWaves:
         light = sg.PlaneWaves(directions=draw(directions(dimension, lights)))
     else:
-        light = sg.CollimatedBeams(
-            directions=draw(directions(dimension, lights, forward=True)), width=wavelength * draw(powers(0, 4)),
-            profile=draw(st.sampled_from(["square", "disc", "gaussian"])),
-        )  # fmt: skip
+        light = sg.CollimatedBeams(directions=draw(directions(dimension, lights, forward=True)),
+                                   width=wavelength * draw(powers(0, 4)),
+                                   profile=draw(st.sampled_from(["square", "disc", "gaussian"])))  # fmt: skip
     sensor = (
         sg.NearField(points=_points(draw, medium, dimension, views, wavelength))
         if near

@@ -17,10 +17,8 @@ ISOTROPIC = sg.Isotropic()
 
 def slab(optical_depth=10.0, g=0.0, albedo=1.0, thickness=100.0):
     """A slab of Henyey and Greenstein's particles, or isotropic ones."""
-    return sg.Slab(
-        thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo,
-        scatterer=sg.HenyeyGreenstein(g=g) if g else ISOTROPIC,
-    )  # fmt: skip
+    return sg.Slab(thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo,
+                   scatterer=sg.HenyeyGreenstein(g=g) if g else ISOTROPIC)  # fmt: skip
 
 
 def flat_box(lights, sensor, *, half=10.0, mean_free_path=10.0, scatterer=ISOTROPIC, **medium):

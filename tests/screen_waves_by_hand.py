@@ -9,12 +9,9 @@ from specklegen.oracles.screen_waves import ScreenWaves
 def scene_of(waves, half, steps, width, profile="square", times=None):
     """The scene of a periodic square: views and tilts on the steps of its spectrum."""
     sines = np.asarray(steps) * waves.step
-    return sg.Scene(
-        wavelength=waves.wavelength,
-        medium=waves.stack,
-        illumination=sg.CollimatedBeams.tilts(np.arcsin(sines), width, profile, times=times),
-        sensor=sg.FarField.grid((2 * half + 1, 2 * half + 1), waves.step),
-    )
+    return sg.Scene(wavelength=waves.wavelength, medium=waves.stack,
+                    illumination=sg.CollimatedBeams.tilts(np.arcsin(sines), width, profile, times=times),
+                    sensor=sg.FarField.grid((2 * half + 1, 2 * half + 1), waves.step))  # fmt: skip
 
 
 def wave_fields(waves: ScreenWaves, scene, draws, seed):

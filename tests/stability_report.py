@@ -58,10 +58,8 @@ def main(arguments: list[str] | None = None) -> int:
     found = [timed(function) for function in tqdm(functions, unit="row")]
     passed = sum(row.passed for row, _ in found)
     rest = "" if chosen.slow else f"; not run (`--slow`): {', '.join(f.__name__ for f in SLOW)}"
-    page = INTRODUCTION.format(
-        alarm=FALSE_ALARM, options=" --slow" if chosen.slow else "", machine=platform.machine(), passed=passed,
-        run=len(found), rest=rest,
-    )  # fmt: skip
+    page = INTRODUCTION.format(alarm=FALSE_ALARM, options=" --slow" if chosen.slow else "", machine=platform.machine(),
+                               passed=passed, run=len(found), rest=rest)  # fmt: skip
     chosen.out.write_text(page + "\n".join(line(*each) for each in found) + "\n", encoding="utf-8")
     return int(passed < len(found))
 

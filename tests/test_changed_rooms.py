@@ -8,11 +8,9 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = runpy.run_path(str(ROOT / "scripts/changed_rooms.py"))
-GRAPH = {
-    "specklegen.kernels.lanes": ["specklegen.kernels.walk"],
-    "specklegen.kernels.walk": ["specklegen.paths.tracer", "specklegen.kernels.lanes"],
-    "specklegen.paths.tracer": ["specklegen.rendering"],
-}
+GRAPH = {"specklegen.kernels.lanes": ["specklegen.kernels.walk"],
+         "specklegen.kernels.walk": ["specklegen.paths.tracer", "specklegen.kernels.lanes"],
+         "specklegen.paths.tracer": ["specklegen.rendering"]}  # fmt: skip
 
 
 def chosen(*files):
@@ -22,11 +20,9 @@ def chosen(*files):
 @pytest.mark.parametrize(("file", "tests"), [
     ("specklegen/kernels/lanes.py", {"tests/kernels", "tests/paths"}),  # by way of another kernel, and no further
     ("specklegen/paths/tracer.py", {"tests/paths", "tests/test_rendering.py"}),
-    ("datasets/store/store.py", {"tests/datasets/store"}),
-    ("specklegen/tiles.py", {"tests/test_tiles.py"}),
+    ("datasets/store/store.py", {"tests/datasets/store"}), ("specklegen/tiles.py", {"tests/test_tiles.py"}),
     ("specklegen/models/metrics.py", {"tests/models"}),
-    ("tests/kernels/test_bessel.py", {"tests/kernels/test_bessel.py"}),
-    ("tests/kernels/test_that_is_gone.py", set()),
+    ("tests/kernels/test_bessel.py", {"tests/kernels/test_bessel.py"}), ("tests/kernels/test_that_is_gone.py", set()),
     ("tests/fuzz_stores.py", {"tests/datasets/store/test_store_kills.py",
                               "tests/datasets/store/test_store_without_locks.py"}),
     ("docs/motion.md", {"tests/test_docs.py", "tests/test_site.py"}),

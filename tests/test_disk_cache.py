@@ -216,9 +216,8 @@ def writable(root, kind):
 
 
 @pytest.mark.parametrize("kind", LIMITS)
-@pytest.mark.parametrize("change", [
-    opened, linked, writable, pytest.param(given_away, marks=AS_ROOT), pytest.param(given_away_above, marks=AS_ROOT),
-])  # fmt: skip
+@pytest.mark.parametrize("change", [opened, linked, writable, pytest.param(given_away, marks=AS_ROOT),
+                                    pytest.param(given_away_above, marks=AS_ROOT)])  # fmt: skip
 def test_what_others_could_have_put_there_is_not_read(root, change, kind):
     """Also where it was checked before: the kernels of another user ran, whose folder took the place of this one."""
     write(kind, "name", b"right")

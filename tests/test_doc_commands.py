@@ -55,11 +55,9 @@ NOT_RUN = {
 }
 """Commands that are not run here, and why; those of scripts are checked for their options."""
 
-SHORTENED = {
-    "specklegen train .*": "--epochs 1 --validation-samples 8 --set samples.train=64 --batch-size 16",
-    "specklegen evaluate.*": "--samples 4 --restarts 1",
-    "specklegen generate (?!.*--samples (96|128|256)).*": "--samples 64",
-}
+SHORTENED = {"specklegen train .*": "--epochs 1 --validation-samples 8 --set samples.train=64 --batch-size 16",
+             "specklegen evaluate.*": "--samples 4 --restarts 1",
+             "specklegen generate (?!.*--samples (96|128|256)).*": "--samples 64"}  # fmt: skip
 """Commands that take many minutes as they are printed, and what is added to them here."""
 
 
@@ -130,9 +128,8 @@ def test_a_slow_command_runs_as_printed(shell, setup):
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
     folder = ROOT if shell.lines[0].startswith("pytest") else setup
-    done = subprocess.run(
-        ["bash", "-c", script], cwd=folder, env=environment, capture_output=True, text=True, timeout=1800
-    )  # fmt: skip
+    done = subprocess.run(["bash", "-c", script], cwd=folder, env=environment, capture_output=True, text=True,
+                          timeout=1800)  # fmt: skip
     assert done.returncode == 0, script + done.stdout[-2000:] + done.stderr[-2000:]
     assert "Traceback" not in done.stderr.partition(_ENDED)[0], done.stderr
 
@@ -177,10 +174,8 @@ def test_a_command_on_a_page_is_one(command):
 def test_the_options_of_a_script_exist(command):
     """Its parser takes the command, choices and types included, and knows each option."""
     words = [sys.executable, *shlex.split(command)[1:]]
-    done = subprocess.run(
-        [*words, "--help"], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
-        timeout=300,
-    )  # fmt: skip
+    done = subprocess.run([*words, "--help"], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True,
+                          text=True, timeout=300)  # fmt: skip
     assert done.returncode == 0, done.stderr
     for word in words:
         assert not word.startswith("--") or word in done.stdout, word

@@ -35,10 +35,8 @@ SEED = os.environ.get("FUZZ_SEED")
 
 def examples(count: int):
     """Settings of a property: the same examples at every run, or those of a seed."""
-    chosen = settings(
-        max_examples=count, derandomize=SEED is None, deadline=None, database=None,
-        suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
-    )  # fmt: skip
+    chosen = settings(max_examples=count, derandomize=SEED is None, deadline=None, database=None,
+                      suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])  # fmt: skip
     return chosen if SEED is None else lambda check: seed(int(SEED))(chosen(check))
 
 
@@ -178,23 +176,17 @@ def test_no_more_light_leaves_than_enters(count):
     """Forward paths only: the integral of I over all directions is at most what meets the medium."""
 
     @examples(count)
-    @given(
-        depth=powers(-3, 1), albedo=st.floats(0, 1), g=st.floats(-0.5, 0.5), aspect=powers(-1, 1),
-        light=directions(3, 1, forward=True), seed=st.integers(0, 99),
-    )  # fmt: skip
+    @given(depth=powers(-3, 1), albedo=st.floats(0, 1), g=st.floats(-0.5, 0.5), aspect=powers(-1, 1),
+           light=directions(3, 1, forward=True), seed=st.integers(0, 99))  # fmt: skip
     def check(depth, albedo, g, aspect, light, seed):
-        box = sg.Box(
-            lower=[0, 0, 0], upper=[10 * depth * aspect, 10 * depth, 10 * depth], mean_free_path=10.0, albedo=albedo,
-            scatterer=sg.HenyeyGreenstein(g=g),
-        )  # fmt: skip
+        box = sg.Box(lower=[0, 0, 0], upper=[10 * depth * aspect, 10 * depth, 10 * depth], mean_free_path=10.0,
+                     albedo=albedo, scatterer=sg.HenyeyGreenstein(g=g))  # fmt: skip
         # Even over the sphere: Fibonacci's spiral; its quadrature of so smooth a light is good to 1e-2.
         n = np.arange(64)
         z, turn = 1 - (2 * n + 1) / 64, np.pi * (1 + np.sqrt(5)) * n
         views = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], 1)
-        made = sg.Scene(
-            wavelength=1.0, medium=box, illumination=sg.PlaneWaves(directions=light),
-            sensor=sg.FarField(directions=views),
-        )  # fmt: skip
+        made = sg.Scene(wavelength=1.0, medium=box, illumination=sg.PlaneWaves(directions=light),
+                        sensor=sg.FarField(directions=views))  # fmt: skip
         with strict():
             found = sg.covariance(made, paths=640, seed=seed, reverse=False)
         scattered = 4 * np.pi * found.intensity[0].mean()
@@ -315,10 +307,9 @@ def test_any_opening_passes_no_more_than_its_area(count):
     """Or is refused for its corners; its far field is strongest straight ahead, where it is the area."""
 
     @examples(count)
-    @given(
-        corners=st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=3, max_size=9), size=powers(-9, 9),
-        turns=st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, max_size=4), reach=powers(-3, 5),
-    )  # fmt: skip
+    @given(corners=st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=3, max_size=9), size=powers(-9, 9),
+           turns=st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, max_size=4),
+           reach=powers(-3, 5))  # fmt: skip
     def check(corners, size, turns, reach):
         loop, xi = size * np.array(corners), reach / size * np.array(turns)
         with strict():
@@ -338,10 +329,8 @@ def test_any_source_has_modes_of_its_power(count):
     """A Gaussian Schell model of points anywhere; what passes through a random system is as coherent as can be."""
 
     @examples(count)
-    @given(
-        places=st.lists(st.floats(-1, 1), min_size=1, max_size=12), size=powers(-9, 9), length=powers(-12, 12),
-        energy=st.floats(0.01, 1), seed=st.integers(0, 99),
-    )  # fmt: skip
+    @given(places=st.lists(st.floats(-1, 1), min_size=1, max_size=12), size=powers(-9, 9), length=powers(-12, 12),
+           energy=st.floats(0.01, 1), seed=st.integers(0, 99))  # fmt: skip
     def check(places, size, length, energy, seed):
         with strict(), warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # points too few for their coherence length
@@ -354,10 +343,8 @@ def test_any_source_has_modes_of_its_power(count):
         assert 0 < speckle_contrast(source) <= 1 + 1e-12
         assert np.abs(degree).max() <= 1 + 1e-12
         if energy == 1:
-            np.testing.assert_allclose(
-                intensity_from_modes(system, modes, power), spectral_density(seen), rtol=1e-6,
-                atol=1e-9 * spectral_density(seen).max(),
-            )  # fmt: skip
+            np.testing.assert_allclose(intensity_from_modes(system, modes, power), spectral_density(seen), rtol=1e-6,
+                                       atol=1e-9 * spectral_density(seen).max())  # fmt: skip
 
     check()
 
@@ -365,10 +352,8 @@ def test_any_source_has_modes_of_its_power(count):
 # ---- Values that are none ------------------------------------------------------------------------------
 
 NUMBERS = st.sampled_from([float("nan"), float("inf"), -1.0, "", "x", "1 m", None])
-NO_VECTORS = st.one_of(
-    st.just("up"), st.just([[0.0, 0.0, 2.0]]), st.just([[float("nan"), 0.0, 1.0]]), st.just([[1.0]]), st.just([[]]),
-    st.just([[[0.0, 1.0]], [[1.0]]]),
-)  # fmt: skip
+NO_VECTORS = st.one_of(st.just("up"), st.just([[0.0, 0.0, 2.0]]), st.just([[float("nan"), 0.0, 1.0]]), st.just([[1.0]]),
+                       st.just([[]]), st.just([[[0.0, 1.0]], [[1.0]]]))  # fmt: skip
 SLAB = {"thickness": 10.0, "mean_free_path": 1.0, "scatterer": sg.Isotropic()}
 BOX = {"lower": [0, 0, 0], "upper": [1, 1, 1], "mean_free_path": 1.0, "scatterer": sg.Isotropic()}
 BEAMS = {"directions": [[0.0, 0.0, 1.0]], "width": 1.0}

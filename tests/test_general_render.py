@@ -49,10 +49,8 @@ def test_plans_tell_what_is_done(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["paths", "covariance"])
 def test_images_have_the_covariance(sampler):
-    stack = sg.render(
-        SCENE, paths=30 if sampler == "paths" else 3_000, realizations=BATCHES * 2, seed=6, sampler=sampler,
-        reverse=True,
-    )  # fmt: skip
+    stack = sg.render(SCENE, paths=30 if sampler == "paths" else 3_000, realizations=BATCHES * 2, seed=6,
+                      sampler=sampler, reverse=True)  # fmt: skip
     fields = stack.field.reshape(BATCHES, 2, -1).astype(complex)
     drawn = np.einsum("brp,brq->bpq", fields, fields.conj()) / 2
     assert_same(drawn, engine_batches(SCENE, 300, reverse=True, seed=7))
@@ -70,12 +68,9 @@ def test_chunks_of_paths_join(monkeypatch):
 
 def test_an_incoherent_object_is_drawn_from_the_covariance_of_its_beams():
     """Two bright pixels of three: an image without a field, never negative."""
-    scene = sg.Scene(
-        wavelength=1.0,
-        medium=sg.Slab(thickness=20.0, mean_free_path=10.0, scatterer=sg.Isotropic()),
-        illumination=sg.IncoherentObject(brightness=[[1.0, 0.0, 2.0]], pitch=0.01, width=20.0),
-        sensor=sg.FarField(directions=[[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]]),
-    )
+    scene = sg.Scene(wavelength=1.0, medium=sg.Slab(thickness=20.0, mean_free_path=10.0, scatterer=sg.Isotropic()),
+                     illumination=sg.IncoherentObject(brightness=[[1.0, 0.0, 2.0]], pitch=0.01, width=20.0),
+                     sensor=sg.FarField(directions=[[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]]))  # fmt: skip
     stack = sg.render(scene, sampler="covariance", paths=64, seed=1)
     assert stack.intensity.shape == (2,)
     assert stack.intensity.min() > 0

@@ -38,9 +38,7 @@ class Task(NamedTuple):
     @property
     def files(self) -> list[Path]:
         """All files that the row is about."""
-        return [
-            file for place in self.places.values() for file in (place.glob("*.py") if place.is_dir() else [place])
-        ]  # fmt: skip
+        return [file for place in self.places.values() for file in (place.glob("*.py") if place.is_dir() else [place])]
 
     def lost_files(self) -> list[str]:
         """Words that name no file or folder."""
@@ -132,10 +130,9 @@ class Workshop:
 
     def run(self, code: str) -> str:
         """What a process that imports the copy prints."""
-        done = subprocess.run(
-            [sys.executable, "-c", code], cwd=self.folder, env={**os.environ, "PYTHONPATH": str(self.folder)},
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
+        done = subprocess.run([sys.executable, "-c", code], cwd=self.folder,
+                              env={**os.environ, "PYTHONPATH": str(self.folder)}, capture_output=True, text=True,
+                              check=False)  # fmt: skip
         assert done.returncode == 0, done.stderr[-2000:]
         return done.stdout
 

@@ -72,10 +72,8 @@ def watched(program):
     here = Path(__file__).parent
     paths = os.pathsep.join([str(here), str(here.parent)])
     code = PROGRAM + program + "\nprint(memo_hunt.WATCH.report())\n"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=1200,
-        env=os.environ | {"PYTHONPATH": paths},
-    )  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=1200,
+                          env=os.environ | {"PYTHONPATH": paths})  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 
@@ -87,9 +85,8 @@ def findings(lines):
 ALL = "[name for name in __import__('specklegen.datasets', fromlist=['x']).recipe_names()]"
 
 
-@pytest.mark.parametrize(
-    "names", ["['through-slab']", pytest.param(ALL, marks=pytest.mark.slow)], ids=["one recipe", "all recipes"]
-)
+@pytest.mark.parametrize("names", ["['through-slab']", pytest.param(ALL, marks=pytest.mark.slow)],
+                         ids=["one recipe", "all recipes"])  # fmt: skip
 def test_what_is_kept_is_what_would_be_worked_out_again(names):
     lines = watched(CONTEXTS.format(names=names))
     assert findings(lines) == []

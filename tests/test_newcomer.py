@@ -27,10 +27,8 @@ TINY = ["--set", "material.kernel_paths=1000", "--set", "samples.train=64"]
 
 def run(*words: str | Path, cwd: Path, status: int = 0, **options) -> str:
     """What a program prints, both streams together."""
-    done = subprocess.run(
-        [str(word) for word in words], cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        timeout=3600, **options,
-    )  # fmt: skip
+    done = subprocess.run([str(word) for word in words], cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                          text=True, timeout=3600, **options)  # fmt: skip
     assert done.returncode == status, done.stdout[-4000:]
     return done.stdout
 
@@ -106,10 +104,8 @@ def test_a_training_goes_on_where_it_was_stopped(fresh, setup):
     said = run(*words, cwd=setup)
     assert "epoch 0:" not in said or first.returncode == 0
     assert (setup / "run" / "best.pt").exists()
-    said = run(
-        command(fresh), "evaluate", "run/best.pt", "--recipe", "setup.toml", "--samples", "8", "--no-katz",
-        "--set", "material.kernel_paths=1000", "--set", "media=4", cwd=setup,
-    )  # fmt: skip
+    said = run(command(fresh), "evaluate", "run/best.pt", "--recipe", "setup.toml", "--samples", "8", "--no-katz",
+               "--set", "material.kernel_paths=1000", "--set", "media=4", cwd=setup)  # fmt: skip
     assert "| run | sharp |" in said
 
 
@@ -139,9 +135,7 @@ def test_the_wheel_works_without_the_clone(fresh, tmp_path):
         "import specklegen, specklegen.models as m; from specklegen.datasets import load_recipe\n"
         "load_recipe('unknown-slab'); m.load_pretrained(); print(specklegen.__file__)"
     )
-    said = run(
-        clone / ".venv" / "bin" / "python", "-c", program, cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(tmp_path / "site")},
-    )  # fmt: skip
+    said = run(clone / ".venv" / "bin" / "python", "-c", program, cwd=tmp_path,
+               env=os.environ | {"PYTHONPATH": str(tmp_path / "site")})  # fmt: skip
     assert said.strip() == str(tmp_path / "site" / "specklegen" / "__init__.py")
     shutil.rmtree(tmp_path / "site")

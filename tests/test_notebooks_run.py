@@ -41,8 +41,6 @@ def test_a_notebook_runs(name, tmp_path):
     assert code
     assert not any(line.startswith(("%", "!")) for each in code for line in each.splitlines())
     (tmp_path / "cells.py").write_text("\n\n".join(code), encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "cells.py"], cwd=tmp_path, env=os.environ | {"MPLBACKEND": "agg"}, capture_output=True,
-        text=True, timeout=1800,
-    )  # fmt: skip
+    done = subprocess.run([sys.executable, "cells.py"], cwd=tmp_path, env=os.environ | {"MPLBACKEND": "agg"},
+                          capture_output=True, text=True, timeout=1800)  # fmt: skip
     assert done.returncode == 0, done.stderr[-4000:]

@@ -113,10 +113,8 @@ def test_every_file_says_the_same_version():
     import specklegen
 
     assert PROJECT["project"]["name"] == "specklegen-torch"
-    said = {
-        "CITATION.cff": r"^version: (\S+)$", "packaging/conda/recipe.yaml": r"^  version: (\d\S+)$",
-        "README.md": r"specklegen_torch-(\d[\d.]*\d)-py3-none-any\.whl",
-    }  # fmt: skip
+    said = {"CITATION.cff": r"^version: (\S+)$", "packaging/conda/recipe.yaml": r"^  version: (\d\S+)$",
+            "README.md": r"specklegen_torch-(\d[\d.]*\d)-py3-none-any\.whl"}  # fmt: skip
     versions = {name: re.findall(pattern, (ROOT / name).read_text(), re.MULTILINE) for name, pattern in said.items()}
     assert versions == {name: [specklegen.__version__] for name in said}
     assert PROJECT["project"]["version"] == specklegen.__version__
@@ -241,9 +239,8 @@ def _built(checkout: Path, hook: str) -> Path:
         f"    name = specklegen_build.{hook}(sys.argv[1])\n"
         "print(name)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(out)], cwd=checkout, capture_output=True, text=True, timeout=300
-    )  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", code, str(out)], cwd=checkout, capture_output=True, text=True,
+                          timeout=300)  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert not re.search(r"!!|[A-Z]\w*Warning", done.stderr), done.stderr  # newer versions of pip print it all
     return out / done.stdout.strip()
@@ -281,10 +278,8 @@ def test_an_editable_install_is_a_path_that_every_tool_can_follow(checkout, tmp_
         wheel.read(name).decode() for name in wheel.namelist() if name.endswith("entry_points.txt")
     )
     program = "import specklegen.datasets as d, specklegen.models.metrics; print(d.__file__)"
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(path)}, text=True,
-        capture_output=True, check=True, timeout=120,
-    )  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(path)},
+                          text=True, capture_output=True, check=True, timeout=120)  # fmt: skip
     assert done.stdout.strip() == str(path / "specklegen" / "datasets" / "__init__.py")
 
 
@@ -309,9 +304,8 @@ def test_type_checkers_see_the_package_from_another_folder(checkout, tmp_path):
 def _loaded(program: str, names: tuple[str, ...]) -> list[str]:
     """Which of some modules a program has loaded at its end."""
     code = f"import sys\n{program}\nprint([m for m in {names!r} if m in sys.modules])"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True, timeout=120
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True,
+                          timeout=120)  # fmt: skip
     return ast.literal_eval(done.stdout.strip().splitlines()[-1])
 
 
@@ -355,9 +349,8 @@ try:
 except SystemExit as end:
     assert end.code == 2
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program, f"{tmp_path}/x.zarr"], cwd=ROOT, capture_output=True, text=True, timeout=300
-    )
+    done = subprocess.run([sys.executable, "-c", program, f"{tmp_path}/x.zarr"], cwd=ROOT, capture_output=True,
+                          text=True, timeout=300)  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
     assert "specklegen-torch[torch]" in done.stderr.strip().splitlines()[-1]
 

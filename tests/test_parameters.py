@@ -19,18 +19,14 @@ SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}\n", re.MULTILINE)
 HEAD = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*)(?:\s*:\s*(.*))?$")
 POINTER = re.compile(r"see\b.*|as asked for.*|(?:[^.;:]*, )?as (?:in|of|for)\b[^.;:]*\.?", re.IGNORECASE)
 ROLE = re.compile(r":\w+:`~?([^`]*)`")
-NOTHING_GIVEN = re.compile(
-    r"\b(default|None|without|instead|else|otherwise|optional|unless|where|left out|if)\b", re.IGNORECASE
-)
+NOTHING_GIVEN = re.compile(r"\b(default|None|without|instead|else|otherwise|optional|unless|where|left out|if)\b",
+                           re.IGNORECASE)  # fmt: skip
 ANGLES = ("tilt", "tilts", "azimuth", "theta", "incidence", "phi", "rotation")
-LENGTHS = (
-    "wavelength", "thickness", "mean_free_path", "width", "pitch", "distance", "focal_length", "coherence_length",
-    "pixel_width", "half_width", "dx", "diameter", "beam_diameter",
-)  # fmt: skip
+LENGTHS = ("wavelength", "thickness", "mean_free_path", "width", "pitch", "distance", "focal_length",
+           "coherence_length", "pixel_width", "half_width", "dx", "diameter", "beam_diameter")  # fmt: skip
 ANGLE_WORDS = re.compile(r"radian|degree|turn|direction|sine|rotation|polarisation|matrix", re.IGNORECASE)
-LENGTH_WORDS = re.compile(
-    r"\bunits?\b|length|\bmm\b|metre|micrometre|\bum\b|\bnm\b|pixel|sine|grid|cells", re.IGNORECASE
-)
+LENGTH_WORDS = re.compile(r"\bunits?\b|length|\bmm\b|metre|micrometre|\bum\b|\bnm\b|pixel|sine|grid|cells",
+                          re.IGNORECASE)  # fmt: skip
 
 
 def entries(docstring: str) -> dict[str, tuple[str, str]]:

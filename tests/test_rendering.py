@@ -34,11 +34,10 @@ GRAIN = WAVELENGTH / WIDTH
 def scene(*, tilts=(0.0, 2.0), shape=(8, 9), pitch=0.5, medium=None, profile="square", side="transmission", **where):
     """Tilts and pitch in speckle grains."""
     return sg.Scene(
-        wavelength=WAVELENGTH,
-        medium=medium or slab(2.0),
+        wavelength=WAVELENGTH, medium=medium or slab(2.0),
         illumination=sg.CollimatedBeams.tilts(np.arcsin(np.array(tilts) * GRAIN), width=WIDTH, profile=profile),
         sensor=sg.FarField.grid(shape=shape, pitch=pitch * GRAIN, side=side, **where),
-    )
+    )  # fmt: skip
 
 
 def sparse_scene(medium=None, views=6) -> sg.Scene:
@@ -318,14 +317,12 @@ def test_doubtful_assumptions_are_said():
     assert "doubtful" not in sg.plan(scene(), paths=10).explain()
 
 
-VERBS = {
-    "render": lambda seen: sg.render(seen, paths=64, seed=0),
-    "render_tiles": lambda seen: sg.render_tiles(seen, paths=64, seed=0),
-    "render_partially_coherent": lambda seen: sg.render_partially_coherent(seen, 3 * WAVELENGTH / GRAIN, paths=64),
-    "transmission_matrix": lambda seen: sg.transmission_matrix(seen, paths=64),
-    "covariance": lambda seen: sg.covariance(seen, pairs=[[0, 0, 0, 0]], paths=64),
-    "covariance_blocks": lambda seen: sg.covariance_blocks(seen, rows=1, paths=64),
-}
+VERBS = {"render": lambda seen: sg.render(seen, paths=64, seed=0),
+         "render_tiles": lambda seen: sg.render_tiles(seen, paths=64, seed=0),
+         "render_partially_coherent": lambda seen: sg.render_partially_coherent(seen, 3 * WAVELENGTH / GRAIN, paths=64),
+         "transmission_matrix": lambda seen: sg.transmission_matrix(seen, paths=64),
+         "covariance": lambda seen: sg.covariance(seen, pairs=[[0, 0, 0, 0]], paths=64),
+         "covariance_blocks": lambda seen: sg.covariance_blocks(seen, rows=1, paths=64)}  # fmt: skip
 
 
 @pytest.mark.filterwarnings("ignore:.*standard errors rest on")
@@ -418,10 +415,8 @@ def test_a_fork_after_a_parallel_render_completes(tmp_path):
     program.write_text(FORK)
     root = Path(sg.__file__).parents[1]
     path = os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(
-        [sys.executable, str(program)], env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True,
-        timeout=120,
-    )  # fmt: skip
+    done = subprocess.run([sys.executable, str(program)], env=os.environ | {"PYTHONPATH": path}, capture_output=True,
+                          text=True, timeout=120)  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "done"
 

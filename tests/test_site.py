@@ -22,15 +22,11 @@ import pytest
 from scenes import ROOT
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-QUIET = [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
-    "--disable-background-networking", "--disable-component-update",
-]  # fmt: skip
+QUIET = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+         "--disable-background-networking", "--disable-component-update"]  # fmt: skip
 COMPLAINT = re.compile(r"CONSOLE[^\n]*(?:[Ee]rror|Uncaught|Failed|Refused)[^\n]*")
-PAGES = {
-    "index.html": "specklegen", "auto_gallery/plot_02_tilt_and_memory.html": "Tilt, and the memory of a slab",
-    "generated/specklegen.memory_effect.html": "specklegen.memory_effect",
-}  # fmt: skip
+PAGES = {"index.html": "specklegen", "auto_gallery/plot_02_tilt_and_memory.html": "Tilt, and the memory of a slab",
+         "generated/specklegen.memory_effect.html": "specklegen.memory_effect"}  # fmt: skip
 
 
 def test_every_page_is_in_the_navigation():
@@ -226,9 +222,8 @@ def shown(site: Path, profile: Path, pages: list[str], widths: tuple[int, ...]) 
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server, (profile / "log").open("w") as log:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         words = [CHROMIUM, *QUIET, f"--user-data-dir={profile}", "--enable-logging=stderr", "--remote-debugging-port=0"]
-        browser = subprocess.Popen(
-            [*words, f"http://127.0.0.1:{server.server_port}/driver"], stdout=subprocess.DEVNULL, stderr=log
-        )
+        browser = subprocess.Popen([*words, f"http://127.0.0.1:{server.server_port}/driver"], stdout=subprocess.DEVNULL,
+                                   stderr=log)  # fmt: skip
         try:
             assert ended.wait(60 + 10 * len(pages) * len(widths)), "the browser did not come to the end"
         finally:

@@ -15,12 +15,10 @@ SINGLE = 1e-5  # complex64 sums of some thousand terms of order 1
 
 
 def scene(shape=(40, 33), tilts=5, side="transmission", width=2e4) -> sg.Scene:
-    return sg.Scene(
-        wavelength=1.0,
-        medium=sg.Slab(thickness=200.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(g=0.7)),
-        illumination=sg.CollimatedBeams.tilts(1e-4 * np.arange(tilts), width=width),
-        sensor=sg.FarField.grid(shape=shape, pitch=0.4 / width, side=side),
-    )
+    return sg.Scene(wavelength=1.0,
+                    medium=sg.Slab(thickness=200.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(g=0.7)),
+                    illumination=sg.CollimatedBeams.tilts(1e-4 * np.arange(tilts), width=width),
+                    sensor=sg.FarField.grid(shape=shape, pitch=0.4 / width, side=side))  # fmt: skip
 
 
 CASES = {

@@ -49,12 +49,10 @@ def solve_waves(placements: int, seed: int, workers: int | None) -> Result:
     found = ensemble(gas, lights, sensors, placements=placements, seed=seed, workers=workers, progress=True)
     result: Result = {"placements": np.array(found[""].placements), "light_deg": LIGHT_DEG, "view_deg": VIEW_DEG}
     for prefix, moments in found.items():
-        result |= {
-            f"{prefix}C": moments.covariance, f"{prefix}C_se_re": moments.covariance_error.real,
-            f"{prefix}C_se_im": moments.covariance_error.imag, f"{prefix}I_var": moments.intensity,
-            f"{prefix}I_var_se": moments.intensity_error,
-            f"{prefix}I_var_batches": np.moveaxis(moments.intensity_batches, 0, -1),
-        }  # fmt: skip
+        result |= {f"{prefix}C": moments.covariance, f"{prefix}C_se_re": moments.covariance_error.real,
+                   f"{prefix}C_se_im": moments.covariance_error.imag, f"{prefix}I_var": moments.intensity,
+                   f"{prefix}I_var_se": moments.intensity_error,
+                   f"{prefix}I_var_batches": np.moveaxis(moments.intensity_batches, 0, -1)}  # fmt: skip
     return result | {"mean": found[""].mean, "near_mean_scattered": found["near_"].mean}
 
 
@@ -78,10 +76,8 @@ def run_engine(paths: int, seed: int) -> Result:
 
 def in_oracle_order(prefix: str, value: np.ndarray, error: np.ndarray) -> Result:
     """C[v1, v2, j] = value[0, v1, j, v2] and I[v, j] = value[j, v, j, v], from arrays [T, V, T, V]."""
-    return {
-        f"{prefix}C": np.transpose(value[0], (0, 2, 1)), f"{prefix}I_var": np.einsum("tvtv->vt", value).real,
-        f"{prefix}I_var_se": np.einsum("tvtv->vt", error).real,
-    }  # fmt: skip
+    return {f"{prefix}C": np.transpose(value[0], (0, 2, 1)), f"{prefix}I_var": np.einsum("tvtv->vt", value).real,
+            f"{prefix}I_var_se": np.einsum("tvtv->vt", error).real}  # fmt: skip
 
 
 def report(wave: Result, other: Result) -> dict[str, np.ndarray]:
@@ -191,11 +187,9 @@ def draw_mean_inside(placements: int, seed: int, workers: int | None, out: Path)
         axis.set_xlabel("distance (wavelengths)")
     save(figure, out / "mean-inside.png")
     slope = np.array(field.decay()) * 2 * MEAN_FREE_PATH
-    return {
-        "mean inside: decay over sigma_t / 2, and its error": slope,
-        "mean inside: largest phase error (rad)": np.abs(phase).max(keepdims=True),
-        "mean inside: largest standard error of the phase": phase_error.max(keepdims=True),
-    }
+    return {"mean inside: decay over sigma_t / 2, and its error": slope,
+            "mean inside: largest phase error (rad)": np.abs(phase).max(keepdims=True),
+            "mean inside: largest standard error of the phase": phase_error.max(keepdims=True)}  # fmt: skip
 
 
 def save(figure: plt.Figure, path: Path) -> None:

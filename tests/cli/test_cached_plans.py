@@ -37,10 +37,9 @@ finally:
 
 def planned(folder: Path, *words: str) -> tuple[str, list[str]]:
     """What `plan` prints in a process of its own, and the engines that it has loaded."""
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, "plan", "material-regression", "--samples", "1", *words], cwd=ROOT,
-        env=os.environ | {"SPECKLEGEN_CACHE": str(folder)}, capture_output=True, text=True, timeout=300,
-    )  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", PROGRAM, "plan", "material-regression", "--samples", "1", *words],
+                          cwd=ROOT, env=os.environ | {"SPECKLEGEN_CACHE": str(folder)}, capture_output=True, text=True,
+                          timeout=300)  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout, done.stderr.splitlines()[-1].split()
 
@@ -122,8 +121,7 @@ def test_every_packaged_recipe_has_a_name(first_command):
 
 @pytest.mark.parametrize("outside", [
     {"objects": {"type": "Folder", "path": "pictures"}},
-    {"objects": {"type": "Families", "families": [{"type": "Meshes", "path": "meshes"}]}},
-    {"kind": "rings:Rings"},
+    {"objects": {"type": "Families", "families": [{"type": "Meshes", "path": "meshes"}]}}, {"kind": "rings:Rings"},
     {"objects": {"type": "shapes/rings:Rings"}},
 ])  # fmt: skip
 def test_what_lies_outside_of_the_recipe_is_planned_each_time(first_command, outside):

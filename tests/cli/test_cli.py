@@ -107,10 +107,9 @@ def test_memory_effect_of_presets_faces_and_scenes(tmp_path):
     assert json.loads(succeed("memory-effect", *skin, *few, "--out", tmp_path))[0]["curve"] == "skin"
     assert "memory-effect --g must be left out with --material" in refused("memory-effect", *skin, "--g", "0.5")
     layer = {"thickness": 5.0, "mean_free_path": 5.0, "scatterer": sg.Isotropic()}
-    scene = sg.Scene(
-        wavelength=0.5, medium=sg.Layers(layers=[sg.Layer(**layer), sg.Layer(**layer)]),
-        illumination=sg.CollimatedBeams.tilts([0.0], width=500.0), sensor=sg.FarField.grid((4, 4), 1e-3),
-    )  # fmt: skip
+    scene = sg.Scene(wavelength=0.5, medium=sg.Layers(layers=[sg.Layer(**layer), sg.Layer(**layer)]),
+                     illumination=sg.CollimatedBeams.tilts([0.0], width=500.0),
+                     sensor=sg.FarField.grid((4, 4), 1e-3))  # fmt: skip
     (tmp_path / "two.toml").write_text(scene.to_toml())
     said = json.loads(succeed("memory-effect", "--scene", tmp_path / "two.toml", *few, "--out", tmp_path))[0]
     medium = scene.medium

@@ -68,9 +68,8 @@ def test_numbers_as_json(tmp_path, store):
     checked = answer("verify", store)
     assert checked["complete"]
     assert checked["shards"] == 4
-    rows = answer(
-        "evaluate", "--recipe", "through-slab", "--samples", 2, "--no-katz", "--out", tmp_path / "judged", *SMALL
-    )
+    rows = answer("evaluate", "--recipe", "through-slab", "--samples", 2, "--no-katz", "--out", tmp_path / "judged",
+                  *SMALL)  # fmt: skip
     assert {row["method"] for row in rows} == {"another object", "mean image", "packaged network"}
     assert answer("compare", "through-slab", "--seconds", 0.01)["runs"]
 
@@ -167,10 +166,9 @@ def test_two_calls_report_what_each_has_rendered(tmp_path):
 def test_ctrl_c_says_that_the_store_goes_on(tmp_path):
     store = tmp_path / "long.zarr"
     words = ["generate", "through-slab", "--out", str(store), "--samples", "4000", "--processes", "1", *SMALL]
-    call = subprocess.Popen(
-        [sys.executable, "-m", "specklegen", *words], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    call = subprocess.Popen([sys.executable, "-m", "specklegen", *words], cwd=tmp_path,
+                            env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.DEVNULL,
+                            stderr=subprocess.PIPE, text=True)  # fmt: skip
     ledger = Path(store) / "valid" / "c"
     for _ in range(6000):
         if ledger.is_dir() and any(ledger.iterdir()):
@@ -185,17 +183,15 @@ def test_ctrl_c_says_that_the_store_goes_on(tmp_path):
 
 @pytest.mark.parametrize(("lines", "seed"), [(24, 0), pytest.param(600, 1, marks=pytest.mark.slow)])
 def test_random_lines_end_in_an_answer_or_a_message(lines, seed):
-    done = subprocess.run(
-        [sys.executable, "tests/fuzz_command_line.py", "--lines", str(lines), "--seed", str(seed)], cwd=ROOT,
-        capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    done = subprocess.run([sys.executable, "tests/fuzz_command_line.py", "--lines", str(lines), "--seed", str(seed)],
+                          cwd=ROOT, capture_output=True, text=True,
+                          env=os.environ | {"PYTHONPATH": str(ROOT)})  # fmt: skip
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
     assert f" {0} traceback" in done.stdout
 
 
-@pytest.mark.parametrize("words", [
-    ("evaluate", "model.pt", "--samples"), ("train", "through-slab", "--out", "run", "--validation-samples"),
-])  # fmt: skip
+@pytest.mark.parametrize("words", [("evaluate", "model.pt", "--samples"),
+                                   ("train", "through-slab", "--out", "run", "--validation-samples")])  # fmt: skip
 def test_more_images_than_fit_are_refused_by_the_option(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = run(*words, 10**23)

@@ -26,11 +26,9 @@ from specklegen.coherence.cross_spectral_density import (
 FALSE_ALARM = 1e-6  # chance that a right build fails a test, shared by its comparisons
 
 # sigma_g / a: modes for 99 % of the energy, for 1 - 1e-6, effective modes, contrast (frozen)
-MODES = {
-    10: (1, 3, 1.007, 0.997), 2: (2, 4, 1.161, 0.928), 1: (3, 6, 1.571, 0.798), 0.6: (4, 8, 2.264, 0.665),
-    0.4: (5, 11, 3.180, 0.561), 0.2: (10, 19, 5.98, 0.409), 0.1: (18, 34, 11.61, 0.2935), 0.05: (34, 65, 22.9, 0.209),
-    0.02: (83, 159, 56.7, 0.133),
-}  # fmt: skip
+MODES = {10: (1, 3, 1.007, 0.997), 2: (2, 4, 1.161, 0.928), 1: (3, 6, 1.571, 0.798), 0.6: (4, 8, 2.264, 0.665),
+         0.4: (5, 11, 3.180, 0.561), 0.2: (10, 19, 5.98, 0.409), 0.1: (18, 34, 11.61, 0.2935),
+         0.05: (34, 65, 22.9, 0.209), 0.02: (83, 159, 56.7, 0.133)}  # fmt: skip
 
 
 def line(n):
@@ -252,10 +250,8 @@ def test_karhunen_loeve_fields_have_the_covariance():
 def test_the_covariance_test_has_power(wrong):
     x = line(12)
     amplitude = np.exp(-(x**2) + 2j * x)
-    W0 = {
-        "length": gaussian_schell_model(x, 0.5 * 1.1, amplitude), "conjugate": complex_source().conj(),
-        "power": 1.05 * complex_source(),
-    }[wrong]  # fmt: skip
+    W0 = {"length": gaussian_schell_model(x, 0.5 * 1.1, amplitude), "conjugate": complex_source().conj(),
+          "power": 1.05 * complex_source()}[wrong]  # fmt: skip
     with pytest.raises(AssertionError, match="tail probability"):
         assert_covariance(sample_fields(W0, 20_000, seed=7), complex_source())
 

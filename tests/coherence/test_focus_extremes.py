@@ -117,8 +117,7 @@ def test_phase_keeps_its_digits_at_large_distances():
 @pytest.mark.parametrize(("call", "message"), [
     (lambda: axial_focus(z=(-200.0, 1.0)), "detector.z must be greater than -focal_length = -200; got -200.0."),
     (
-        lambda: AxialDetector(z=np.zeros(0), pixel_width=1),
-        "AxialDetector.z must be a list of at least one distance",
+        lambda: AxialDetector(z=np.zeros(0), pixel_width=1), "AxialDetector.z must be a list of at least one distance",
     ),
     (
         lambda: AxialDetector(z=np.array(0.0), pixel_width=1),

@@ -112,9 +112,8 @@ def test_greens_function_and_derivative_against_multiple_precision(half_aperture
             G = system.physical_optics(derivative=derivative)
             for i in (0, len(detector.x) - 1):
                 for j in (0, 3):
-                    exact = exact_greens(
-                        detector.x[i], detector.z[i], system.source_x[j], system.focal_length, derivative
-                    )
+                    exact = exact_greens(detector.x[i], detector.z[i], system.source_x[j], system.focal_length,
+                                         derivative)  # fmt: skip
                     # central differences: (k h)^2 / 6 = 7e-12
                     assert G[i, j] == pytest.approx(exact, rel=2e-11)
 

@@ -145,9 +145,8 @@ def test_the_memory_effect_shapes_the_grains():
     """Autocovariance of paths against theory; without K the blurred grains would be larger."""
     width, shifts = 5 * MILK.thickness, (0, 1, 2, 3)
     source = gaussian_schell_object(WAVELENGTH, width / 6, width)
-    stack = render_partially_coherent(
-        scene(MILK, width), width / 6, sampler="paths", paths=PATHS, realizations=REALIZATIONS, threads=1
-    )
+    stack = render_partially_coherent(scene(MILK, width), width / 6, sampler="paths", paths=PATHS,
+                                      realizations=REALIZATIONS, threads=1)  # fmt: skip
     value, error = autocovariance(stack.intensity[:, 0], shifts)
     extra = excess(source, MILK, width, shifts)
     theory = literal_autocovariance(source, MILK, width, shifts)
@@ -160,9 +159,8 @@ def test_paths_add_the_excess_that_is_stated():
     """So few that it is most of the contrast; expected_error squared alone would be too little."""
     width, paths, many = 4 * MILK.thickness, 30, 6 * REALIZATIONS
     source = gaussian_schell_object(WAVELENGTH, width / 6, width)
-    stack = render_partially_coherent(
-        scene(MILK, width), width / 6, sampler="paths", paths=paths, realizations=many, threads=1
-    )
+    stack = render_partially_coherent(scene(MILK, width), width / 6, sampler="paths", paths=paths, realizations=many,
+                                      threads=1)  # fmt: skip
     value, error = autocovariance(stack.intensity[:, 0])
     # Of N paths, N (N - 1) pairs interfere.
     law = (1 - 1 / paths) / effective_source_modes(source.brightness, source.pitch, WAVELENGTH, width)
@@ -176,9 +174,8 @@ def test_samplers_agree_in_mean_and_contrast_where_the_window_is_wide():
     results = []
     samplers: tuple[tuple[Sampler, int], ...] = (("paths", PATHS), ("stationary", 50_000))
     for sampler, paths in samplers:
-        stack = render_partially_coherent(
-            wide, width / 3, sampler=sampler, paths=paths, realizations=2 * REALIZATIONS, threads=1
-        )
+        stack = render_partially_coherent(wide, width / 3, sampler=sampler, paths=paths, realizations=2 * REALIZATIONS,
+                                          threads=1)  # fmt: skip
         images = stack.intensity[:, 0].astype(float)
         means = images.mean((1, 2))
         value, error = autocovariance(images)
@@ -195,9 +192,8 @@ def test_samplers_agree_in_mean_and_contrast_where_the_window_is_wide():
 def test_tilted_beams_are_each_partially_coherent():
     """Beam by beam in one medium: T images, and the one along the axis has the law's contrast."""
     width, tilts = 800.0, (-1e-3, 0.0, 2e-3)
-    stack = render_partially_coherent(
-        scene(FOG, width, tilts), 0.5 * width, sampler="paths", paths=PATHS, realizations=24, threads=1
-    )
+    stack = render_partially_coherent(scene(FOG, width, tilts), 0.5 * width, sampler="paths", paths=PATHS,
+                                      realizations=24, threads=1)  # fmt: skip
     assert stack.intensity.shape == (24, 3, 24, 24)
     source = gaussian_schell_object(WAVELENGTH, 0.5 * width, width)
     law = 1 / effective_source_modes(source.brightness, source.pitch, WAVELENGTH, width)

@@ -210,10 +210,8 @@ def test_the_matrix_and_the_samplers_agree_in_distribution():
     matrices = [transmission_matrix(scene(source), modes, paths=500, seed=(8, r), threads=1) for r in range(many)]
     identity = np.eye(len(eigenvalues))
     reference = np.array([intensity_from_modes(T.value, identity, eigenvalues) for T in matrices])
-    stack = render_partially_coherent(
-        scene(sg.CollimatedBeams.tilts([0.0], width=WIDTH)), length, sampler="paths", paths=500, realizations=many,
-        seed=9, threads=1,
-    )  # fmt: skip
+    stack = render_partially_coherent(scene(sg.CollimatedBeams.tilts([0.0], width=WIDTH)), length, sampler="paths",
+                                      paths=500, realizations=many, seed=9, threads=1)  # fmt: skip
     moments = []
     for images in (reference, stack.intensity.reshape(many, -1).astype(float)):
         sums = np.stack([np.ones(many), images.mean(1), np.square(images).mean(1)], axis=1)

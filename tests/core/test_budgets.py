@@ -11,10 +11,8 @@ import specklegen as sg
 from specklegen.core.budgets import DEFAULT_PATHS
 
 BOX = sg.Box(lower=[-5.0, -5.0], upper=[5.0, 5.0], mean_free_path=10.0, scatterer=sg.Isotropic())
-SCENE = sg.Scene(
-    wavelength=1.0, medium=BOX, illumination=sg.PlaneWaves.tilts([0.0, 0.05], dimensions=2),
-    sensor=sg.FarField.angles([0.5, 2.0]),
-)  # fmt: skip
+SCENE = sg.Scene(wavelength=1.0, medium=BOX, illumination=sg.PlaneWaves.tilts([0.0, 0.05], dimensions=2),
+                 sensor=sg.FarField.angles([0.5, 2.0]))  # fmt: skip
 SLAB = sg.Slab(thickness=50.0, mean_free_path=10.0, scatterer=sg.Isotropic())
 TILTS = np.deg2rad([0.1, 0.3])
 
@@ -75,34 +73,27 @@ def test_paths_scale_with_the_square_of_the_error():
 
 LIGHT = sg.CollimatedBeams.tilts([0.0, 1e-3], width=500.0)
 BEHIND = sg.Scene(wavelength=0.5, medium=SLAB, illumination=LIGHT, sensor=sg.FarField.grid((2, 2), 1e-4))
-EVERY = {
-    "render": partial(sg.render, SCENE),
-    "render_tiles": partial(sg.render_tiles, BEHIND),
-    "covariance": partial(sg.covariance, SCENE),
-    "covariance_blocks": partial(sg.covariance_blocks, SCENE, rows=1),
-    "memory_effect": partial(sg.memory_effect, SLAB, wavelength=0.5, tilts=TILTS),
-    "joint_correlation": partial(sg.joint_correlation, SLAB, wavelength=0.5, tilts=TILTS, shifts=[0.0]),
-    "reflectance_transmittance": partial(sg.reflectance_transmittance, SLAB),
-    "transmission_matrix": partial(sg.transmission_matrix, BEHIND),
-    "render_partially_coherent": partial(sg.render_partially_coherent, BEHIND, 100.0),
-    "plan": partial(sg.plan, SCENE),
-}
+EVERY = {"render": partial(sg.render, SCENE), "render_tiles": partial(sg.render_tiles, BEHIND),
+         "covariance": partial(sg.covariance, SCENE), "covariance_blocks": partial(sg.covariance_blocks, SCENE, rows=1),
+         "memory_effect": partial(sg.memory_effect, SLAB, wavelength=0.5, tilts=TILTS),
+         "joint_correlation": partial(sg.joint_correlation, SLAB, wavelength=0.5, tilts=TILTS, shifts=[0.0]),
+         "reflectance_transmittance": partial(sg.reflectance_transmittance, SLAB),
+         "transmission_matrix": partial(sg.transmission_matrix, BEHIND),
+         "render_partially_coherent": partial(sg.render_partially_coherent, BEHIND, 100.0),
+         "plan": partial(sg.plan, SCENE)}  # fmt: skip
 """Every verb that takes a budget."""
 
-UNUSED = {
-    "render": ["tolerance"], "transmission_matrix": ["tolerance"], "render_partially_coherent": ["tolerance"],
-    "plan": ["seconds", "tolerance"], "render_tiles": ["seconds", "tolerance"],
-    "joint_correlation": ["reverse", "tolerance"], "reflectance_transmittance": ["reverse", "tolerance"],
-    "covariance_blocks": ["rel_error", "seconds"],
-}  # fmt: skip
+UNUSED = {"render": ["tolerance"], "transmission_matrix": ["tolerance"], "render_partially_coherent": ["tolerance"],
+          "plan": ["seconds", "tolerance"], "render_tiles": ["seconds", "tolerance"],
+          "joint_correlation": ["reverse", "tolerance"], "reflectance_transmittance": ["reverse", "tolerance"],
+          "covariance_blocks": ["rel_error", "seconds"]}  # fmt: skip
 """Fields of the budget that a verb refuses."""
 
 
-@pytest.mark.parametrize("fields", [
-    {"paths": 0}, {"paths": 2.5}, {"paths": 10, "rel_error": 0.1}, {"paths": 10, "seconds": 1.0}, {"rel_error": 0.0},
-    {"rel_error": np.nan}, {"rel_error": "little"}, {"seconds": 0.0}, {"seconds": np.nan}, {"seed": -1},
-    {"threads": 0}, {"reverse": "sometimes"}, {"tolerance": 0.0},
-])  # fmt: skip
+@pytest.mark.parametrize("fields", [{"paths": 0}, {"paths": 2.5}, {"paths": 10, "rel_error": 0.1},
+                                    {"paths": 10, "seconds": 1.0}, {"rel_error": 0.0}, {"rel_error": np.nan},
+                                    {"rel_error": "little"}, {"seconds": 0.0}, {"seconds": np.nan}, {"seed": -1},
+                                    {"threads": 0}, {"reverse": "sometimes"}, {"tolerance": 0.0}])  # fmt: skip
 def test_a_budget_refuses_fields_out_of_their_range(fields):
     assert_refused(lambda: sg.Budget(**fields), rf"^(Budget\.)?{next(iter(fields))} must be")
 

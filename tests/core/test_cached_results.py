@@ -36,11 +36,9 @@ NARROW = sg.Scene(
 UPPER = sg.Layer(thickness=50.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.8), index=1.33)
 STEPS = STACK.replace(medium=sg.Layers([UPPER, UPPER.replace(index=1.5)]))
 BOX = flat_box([0.0, 5.0], views(np.arange(90.0, 270.0, 10.0)), half=5.0)
-SCENES = {
-    "stack": (STACK, {}), "path sums": (STACK, {"sampler": "paths"}), "hidden": (HIDDEN, {}),
-    "convolution": (HIDDEN, {"sampler": "convolution"}), "narrow lobes": (NARROW, {}), "steps": (STEPS, {}),
-    "box": (BOX, {}),
-}  # fmt: skip
+SCENES = {"stack": (STACK, {}), "path sums": (STACK, {"sampler": "paths"}), "hidden": (HIDDEN, {}),
+          "convolution": (HIDDEN, {"sampler": "convolution"}), "narrow lobes": (NARROW, {}), "steps": (STEPS, {}),
+          "box": (BOX, {})}  # fmt: skip
 
 
 @pytest.fixture
@@ -158,10 +156,9 @@ def test_a_sample_of_another_process_has_the_same_bits(cache):
     """Of sixteen plans: in a process that computes all, in one that reads all, and in one without a cache."""
     outputs = []
     for setting in (cache, cache, f"kernels:{cache}"):
-        done = subprocess.run(
-            [sys.executable, "-c", PROGRAM], cwd=ROOT, env=os.environ | {"SPECKLEGEN_CACHE": str(setting)},
-            capture_output=True, text=True, timeout=600,
-        )  # fmt: skip
+        done = subprocess.run([sys.executable, "-c", PROGRAM], cwd=ROOT,
+                              env=os.environ | {"SPECKLEGEN_CACHE": str(setting)}, capture_output=True, text=True,
+                              timeout=600)  # fmt: skip
         assert done.returncode == 0, done.stderr
         outputs.append((done.stdout, len(files(cache))))
     assert outputs[0] == outputs[1] == outputs[2]

@@ -159,10 +159,9 @@ def test_a_file_that_is_edited_is_noticed_by_processes_that_start_later(tmp_path
 
 
 def test_a_stream_of_ones_own_class_is_the_same_in_workers():
-    recipe = quick_recipe(
-        "tilt-stack", material={"kernel_paths": 1000, "scatterer": {"type": "Screened", "concentration": 4.0}},
-        camera={"shape": [16, 16]}, samples={"train": 4},
-    )  # fmt: skip
+    recipe = quick_recipe("tilt-stack",
+                          material={"kernel_paths": 1000, "scatterer": {"type": "Screened", "concentration": 4.0}},
+                          camera={"shape": [16, 16]}, samples={"train": 4})  # fmt: skip
     alone = [*SpeckleStream(recipe, batch_size=2).loader()]
     for found, expected in zip(SpeckleStream(recipe, batch_size=2).loader(num_workers=1), alone, strict=True):
         assert_same(found, expected)

@@ -34,10 +34,8 @@ from specklegen.models.recoverability.speckle_test import SpeckleTest
 from specklegen.models.recoverability.verdict import Reason
 
 SLAB = sg.Slab(thickness=100.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(0.5))
-SCENE = sg.Scene(
-    wavelength=0.5, medium=SLAB, illumination=sg.CollimatedBeams.tilts([0.0, 1e-5], width=1000.0),
-    sensor=sg.FarField.grid((12, 13), 1e-4),
-)  # fmt: skip
+SCENE = sg.Scene(wavelength=0.5, medium=SLAB, illumination=sg.CollimatedBeams.tilts([0.0, 1e-5], width=1000.0),
+                 sensor=sg.FarField.grid((12, 13), 1e-4))  # fmt: skip
 BOX = sg.Scene(
     wavelength=1.0, medium=sg.Box(lower=[-3, -3], upper=[3, 3], mean_free_path=6.0, scatterer=sg.Isotropic()),
     illumination=sg.PlaneWaves.tilts([0.0, 0.1], dimensions=2), sensor=sg.FarField.angles(np.deg2rad([0, 90, 180])),
@@ -125,16 +123,14 @@ LINES = {
     "curve": "MemoryEffect(tilts=float64[2], intensity=float64[2], ",
     "covariance": "Covariance(value=complex128[2, 3, 2, 3], paths=64, ",
 }
-TABLES = {
-    "joint correlation": {"tilts (sine)": "3 values, 0 to 0.002", "|C|": "3 x 2 values, 0."},
-    "coverage": {"received power, dB over 1 mW": "6 x 8 values, -69.22 to -40.4, 5 undefined"},
-    "curve of no light": {"standard error": "1 values, 1 undefined", "reversed paths": "no"},
-    "objects through one medium": {"objects": "3 x 8 x 8 values, 0.", "agreement of starts": "0.97"},
-    "plan": {"memory": "", "time": "", "stationary sampler": "left out: "},
-    "reflectance of a box": {"share out of the sides": "0.4375 ± 0.06"},
-    "stack": {"paths": "64", "mean field added": "no", "speckle": "enough paths"},
-    "what images together tell": {"turned from what was given": "1 of 3"},
-}
+TABLES = {"joint correlation": {"tilts (sine)": "3 values, 0 to 0.002", "|C|": "3 x 2 values, 0."},
+          "coverage": {"received power, dB over 1 mW": "6 x 8 values, -69.22 to -40.4, 5 undefined"},
+          "curve of no light": {"standard error": "1 values, 1 undefined", "reversed paths": "no"},
+          "objects through one medium": {"objects": "3 x 8 x 8 values, 0.", "agreement of starts": "0.97"},
+          "plan": {"memory": "", "time": "", "stationary sampler": "left out: "},
+          "reflectance of a box": {"share out of the sides": "0.4375 ± 0.06"},
+          "stack": {"paths": "64", "mean field added": "no", "speckle": "enough paths"},
+          "what images together tell": {"turned from what was given": "1 of 3"}}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SHOWN)
@@ -192,12 +188,10 @@ def test_a_store_shows_what_is_there_already(tmp_path):
 
 IN_WORDS = (sg.Plan, sg.Advice, PhotographVerdict)
 """Results that hold no arrays of their own and say themselves in a sentence."""
-UNPICTURED = {
-    "Edges": "of the geometry, for the tracer", "Mesh": "of the geometry", "Incidence": "of the march",
-    "Moments": "of the layer's cells", "SingleDelay": "coefficients of one approximation",
-    "Periodogram": "what the likelihood is computed from", "Optics": "a number for each object",
-    "RayPath": "one path of many",
-}  # fmt: skip
+UNPICTURED = {"Edges": "of the geometry, for the tracer", "Mesh": "of the geometry", "Incidence": "of the march",
+              "Moments": "of the layer's cells", "SingleDelay": "coefficients of one approximation",
+              "Periodogram": "what the likelihood is computed from", "Optics": "a number for each object",
+              "RayPath": "one path of many"}  # fmt: skip
 """Results of arrays without a picture, and what they are for."""
 
 

@@ -60,10 +60,9 @@ def test_defaults_are_left_out_whatever_their_type():
     assert (stated, stated.fingerprint()) == (Part(), Part().fingerprint())
 
 
-@pytest.mark.parametrize("changed", [
-    {"number": 1.0000000000000002}, {"flag": 1.0}, {"flag": False}, {"pair": (1.0,)}, {"array": np.arange(2.0)},
-    {"array": np.arange(3.0)[:, None]}, {"camera": Camera(photons=10.0, gain=2.0)}, {"other name": 1e-300},
-])  # fmt: skip
+@pytest.mark.parametrize("changed", [{"number": 1.0000000000000002}, {"flag": 1.0}, {"flag": False}, {"pair": (1.0,)},
+                                     {"array": np.arange(2.0)}, {"array": np.arange(3.0)[:, None]},
+                                     {"camera": Camera(photons=10.0, gain=2.0)}, {"other name": 1e-300}])  # fmt: skip
 def test_another_value_is_part_of_the_fingerprint(changed):
     part = Part(**changed)
     assert part.fingerprint() != Part().fingerprint()

@@ -30,10 +30,8 @@ def temporal(lags=(0.0, 0.5)):
 def evaluation():
     scores = {"sharp": {"pearson": np.array([0.5, 0.25])}}
     both = {"sharp": {"pearson": np.array([0.1, 0.2])}, "limited": {"pearson": np.array([0.3, np.nan])}}
-    return Evaluation(
-        {"one": scores, "two": both}, np.array([3, 4]), np.array([1, -1]), np.array([0.5, 1.0]), np.array([0, 0]),
-        {"one": np.array([True, False]), "two": np.array([False, False])},
-    )  # fmt: skip
+    return Evaluation({"one": scores, "two": both}, np.array([3, 4]), np.array([1, -1]), np.array([0.5, 1.0]),
+                      np.array([0, 0]), {"one": np.array([True, False]), "two": np.array([False, False])})  # fmt: skip
 
 
 RESULTS = {

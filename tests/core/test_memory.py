@@ -56,10 +56,8 @@ def test_ulimit_bounds_memory():
     """Less what the process holds already; in a process of its own, since a limit cannot be raised again."""
     script = "from specklegen.core.memory import available_memory; print(available_memory())"
     limit = 6 * GIB
-    said = subprocess.run(
-        [sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, check=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
-    )  # fmt: skip
+    said = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, check=True,
+                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)))  # fmt: skip
     assert 0 < int(said.stdout) < limit
 
 

@@ -75,13 +75,11 @@ def test_the_working_folder_is_looked_into(write, monkeypatch):
     assert imported("field", "registry_here:own") is len
 
 
-@pytest.mark.parametrize(("path", "rule"), [
-    ("registry_none:own", "of a module that can be imported"),
-    ("{}/registry_none:own", "of a module in"),
-    ("{}/registry_broken:own", "of a module that can be imported"),
-    ("{}/registry_shapes:other", "a name that registry_shapes defines"),
-    ("{}/registry_shapes:number", "the import path of a thing"),
-])  # fmt: skip
+@pytest.mark.parametrize(("path", "rule"), [("registry_none:own", "of a module that can be imported"),
+                                            ("{}/registry_none:own", "of a module in"),
+                                            ("{}/registry_broken:own", "of a module that can be imported"),
+                                            ("{}/registry_shapes:other", "a name that registry_shapes defines"),
+                                            ("{}/registry_shapes:number", "the import path of a thing")])  # fmt: skip
 def test_a_path_that_leads_nowhere_is_refused(write, path, rule):
     write("registry_shapes", "number = 3\n")
     folder = write("registry_broken", "1 / 0\n")
@@ -106,9 +104,8 @@ def test_a_table_is_anchored_to_its_folder_without_an_import(write):
     assert anchored(table, folder) == {
         "kind": f"{folder}/registry_shapes:Kind",
         "objects": {"type": f"{folder}/registry_shapes:Rings", "name": "registry_shapes:Rings"},
-        "list": [{"type": "elsewhere:Rings"}, {"type": f"{folder}/sub/registry_shapes:Rings"}],
-        "type": "Glyphs",
-    }
+        "list": [{"type": "elsewhere:Rings"}, {"type": f"{folder}/sub/registry_shapes:Rings"}], "type": "Glyphs",
+    }  # fmt: skip
     assert [*import_paths(anchored(table, folder))] == [
         f"{folder}/registry_shapes:Kind", f"{folder}/registry_shapes:Rings", "elsewhere:Rings",
         f"{folder}/sub/registry_shapes:Rings",

@@ -38,10 +38,8 @@ def flushing():
 TINY = float(np.finfo(float).tiny)
 CONTEXTS = {
     "autocast": lambda: torch.autocast("cpu", dtype=torch.bfloat16),
-    "half autocast": lambda: torch.autocast("cpu", dtype=torch.float16),
-    "meta device": lambda: torch.device("meta"),
-    "inference": torch.inference_mode,
-    "floating-point errors": lambda: np.errstate(all="raise"),
+    "half autocast": lambda: torch.autocast("cpu", dtype=torch.float16), "meta device": lambda: torch.device("meta"),
+    "inference": torch.inference_mode, "floating-point errors": lambda: np.errstate(all="raise"),
     "double": lambda: restored(torch.get_default_dtype, torch.set_default_dtype, torch.float64),
     "bfloat16": lambda: restored(torch.get_default_dtype, torch.set_default_dtype, torch.bfloat16),
     "deterministic": lambda: restored(
@@ -49,19 +47,16 @@ CONTEXTS = {
     ),
     "tf32": lambda: precision(torch.backends.cuda.matmul),
     "low precision": lambda: precision(torch.backends.mkldnn.matmul),
-    "threads": lambda: restored(torch.get_num_threads, torch.set_num_threads, 2),
-    "denormals": flushing,
-}
+    "threads": lambda: restored(torch.get_num_threads, torch.set_num_threads, 2), "denormals": flushing,
+}  # fmt: skip
 
 
 def state():
     """All that the contexts change, as it is now."""
-    return (
-        torch.is_autocast_enabled("cpu"), torch.get_default_device(), torch.is_inference_mode_enabled(), np.geterr(),
-        torch.get_default_dtype(), torch.are_deterministic_algorithms_enabled(), torch.get_num_threads(),
-        torch.backends.cuda.matmul.fp32_precision, torch.backends.mkldnn.matmul.fp32_precision,
-        torch.is_grad_enabled(), TINY / 2 == 0,
-    )  # fmt: skip
+    return (torch.is_autocast_enabled("cpu"), torch.get_default_device(), torch.is_inference_mode_enabled(),
+            np.geterr(), torch.get_default_dtype(), torch.are_deterministic_algorithms_enabled(),
+            torch.get_num_threads(), torch.backends.cuda.matmul.fp32_precision,
+            torch.backends.mkldnn.matmul.fp32_precision, torch.is_grad_enabled(), TINY / 2 == 0)  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CONTEXTS)
@@ -191,10 +186,8 @@ def test_a_stream_runs_under_a_default_device_without_numbers():
 
 
 SLAB = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
-SCENE = sg.Scene(
-    wavelength=0.5, medium=SLAB, illumination=sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0),
-    sensor=sg.FarField.grid((8, 8), 2e-5),
-)  # fmt: skip
+SCENE = sg.Scene(wavelength=0.5, medium=SLAB, illumination=sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0),
+                 sensor=sg.FarField.grid((8, 8), 2e-5))  # fmt: skip
 VERBS = {
     "render": lambda: sg.render(SCENE, paths=500).field,
     "render by paths": lambda: sg.render(SCENE, paths=500, sampler="paths").field,

@@ -156,10 +156,9 @@ def test_every_broken_rule_is_told_at_once():
     assert len(str(caught.value).splitlines()) == 2
 
 
-@pytest.mark.parametrize(("width", "rule"), [
-    (NAN, "finite or one of 'fitted'; got nan."), (-1.0, "greater than 0.0 or one of 'fitted'; got -1.0."),
-    ("x", "a number or one of 'fitted'; got 'x'."),
-])  # fmt: skip
+@pytest.mark.parametrize(("width", "rule"), [(NAN, "finite or one of 'fitted'; got nan."),
+                                             (-1.0, "greater than 0.0 or one of 'fitted'; got -1.0."),
+                                             ("x", "a number or one of 'fitted'; got 'x'.")])  # fmt: skip
 def test_the_members_of_a_union_are_one_rule(width, rule):
     """As people wrote the field, without the names of a library's types."""
     with pytest.raises(RuleError) as caught:
@@ -213,23 +212,21 @@ def test_an_integer_and_its_float_are_one_value():
     assert scene(wavelength=1).fingerprint() == scene(wavelength=1.0).fingerprint()
 
 
-CHANGES = {
-    "wavelength": lambda s: s.replace(wavelength=np.nextafter(s.wavelength, 1)),
-    "thickness": lambda s: s.replace(medium=s.medium.replace(thickness=1001.0)),
-    "mean_free_path": lambda s: s.replace(medium=s.medium.replace(mean_free_path=101.0)),
-    "albedo": lambda s: s.replace(medium=s.medium.replace(albedo=0.91)),
-    "g": lambda s: s.replace(medium=s.medium.replace(scatterer=sg.HenyeyGreenstein(g=0.91))),
-    "scatterer": lambda s: s.replace(medium=s.medium.replace(scatterer=sg.Isotropic())),
-    "directions": lambda s: s.replace(illumination=s.beams.replace(directions=s.beams.directions[::-1])),
-    "width": lambda s: s.replace(illumination=s.beams.replace(width=5.1e4)),
-    "profile": lambda s: s.replace(illumination=s.beams.replace(profile="disc")),
-    "illumination": lambda s: object_scene(),
-    "shape": lambda s: s.replace(sensor=s.sensor.replace(shape=(7, 5))),
-    "pitch": lambda s: s.replace(sensor=s.sensor.replace(pitch=2.3e-6)),
-    "center": lambda s: s.replace(sensor=s.sensor.replace(center=(1e-4, 2e-4))),
-    "side": lambda s: s.replace(sensor=s.sensor.replace(side="reflection")),
-    "sensor": lambda s: s.replace(sensor=sg.FarField(directions=s.sensor.directions)),
-}
+CHANGES = {"wavelength": lambda s: s.replace(wavelength=np.nextafter(s.wavelength, 1)),
+           "thickness": lambda s: s.replace(medium=s.medium.replace(thickness=1001.0)),
+           "mean_free_path": lambda s: s.replace(medium=s.medium.replace(mean_free_path=101.0)),
+           "albedo": lambda s: s.replace(medium=s.medium.replace(albedo=0.91)),
+           "g": lambda s: s.replace(medium=s.medium.replace(scatterer=sg.HenyeyGreenstein(g=0.91))),
+           "scatterer": lambda s: s.replace(medium=s.medium.replace(scatterer=sg.Isotropic())),
+           "directions": lambda s: s.replace(illumination=s.beams.replace(directions=s.beams.directions[::-1])),
+           "width": lambda s: s.replace(illumination=s.beams.replace(width=5.1e4)),
+           "profile": lambda s: s.replace(illumination=s.beams.replace(profile="disc")),
+           "illumination": lambda s: object_scene(),
+           "shape": lambda s: s.replace(sensor=s.sensor.replace(shape=(7, 5))),
+           "pitch": lambda s: s.replace(sensor=s.sensor.replace(pitch=2.3e-6)),
+           "center": lambda s: s.replace(sensor=s.sensor.replace(center=(1e-4, 2e-4))),
+           "side": lambda s: s.replace(sensor=s.sensor.replace(side="reflection")),
+           "sensor": lambda s: s.replace(sensor=sg.FarField(directions=s.sensor.directions))}  # fmt: skip
 
 
 def test_the_fingerprint_changes_with_any_field():

@@ -484,12 +484,11 @@ def opened_anew(self, state):
 
 
 DEPENDENCES = {
-    "a sample that is kept and handed out": handed_out_again,
-    "a sample kept without its seed": kept_without_the_seed,
+    "a sample that is kept and handed out": handed_out_again, "a sample kept without its seed": kept_without_the_seed,
     "torch as the program left it": lambda: changed(shielded, "_shield_torch", lambda stack: None),
     "a class known by its name": lambda: changed(particles, "_require_code", lambda table, made: None),
     "a pickle without its fingerprint": lambda: changed(SpeckleCache, "__setstate__", opened_anew),
-}
+}  # fmt: skip
 """Ways in which a history may decide a sample, introduced deliberately: contexts in which they are there."""
 
 
@@ -517,10 +516,9 @@ def run(histories, chosen, dependences=()):
 
 def explore(histories, chosen):
     """Go through histories; what fails is raised."""
-    how = settings(
-        max_examples=histories, stateful_step_count=STEPS, deadline=None, database=None, derandomize=chosen is None,
-        suppress_health_check=list(HealthCheck), print_blob=False, phases=[Phase.generate],
-    )  # fmt: skip
+    how = settings(max_examples=histories, stateful_step_count=STEPS, deadline=None, database=None,
+                   derandomize=chosen is None, suppress_health_check=list(HealthCheck), print_blob=False,
+                   phases=[Phase.generate])  # fmt: skip
     machine = Histories if chosen is None else seed(chosen)(Histories)
     run_state_machine_as_test(machine, settings=how)
 
@@ -538,10 +536,8 @@ def in_a_process(histories, chosen, dependences=()):
     """In a process of its own: forks hang where OpenMP's threads have been used, as other tests do."""
     path = [str(Path(__file__).parent), *sys.path]
     called = f"import test_histories; test_histories.run({histories}, {chosen}, {dependences!r})"
-    return subprocess.run(
-        [sys.executable, "-c", f"import sys; sys.path[:] = {path!r}; {called}"],
-        capture_output=True, text=True, check=False, timeout=60 * (20 + histories),
-    )  # fmt: skip
+    return subprocess.run([sys.executable, "-c", f"import sys; sys.path[:] = {path!r}; {called}"], capture_output=True,
+                          text=True, check=False, timeout=60 * (20 + histories))  # fmt: skip
 
 
 def test_samples_depend_on_nothing_that_has_happened():

@@ -28,7 +28,6 @@ print(len(made) > 20, more, threads() - before)
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="counts threads as Linux lists them")
 def test_a_worker_imports_nothing_more_to_make_a_packaged_recipe():
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM], cwd=ROOT, capture_output=True, text=True, check=True, timeout=300
-    )
+    done = subprocess.run([sys.executable, "-c", PROGRAM], cwd=ROOT, capture_output=True, text=True, check=True,
+                          timeout=300)  # fmt: skip
     assert done.stdout == "True [] 0\n"

@@ -29,12 +29,10 @@ PITCH = 0.45e-3
 
 
 def small(side="transmission", views=9, center=(0.0, 0.0)) -> sg.Scene:
-    return sg.Scene(
-        wavelength=1.0,
-        medium=sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(g=0.3)),
-        illumination=sg.CollimatedBeams.tilts(np.arcsin(2 * PITCH * np.array([-1, 0, 1])), width=1000.0),
-        sensor=sg.FarField.grid((views, views), PITCH, side=side, center=center),
-    )
+    return sg.Scene(wavelength=1.0,
+                    medium=sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(g=0.3)),
+                    illumination=sg.CollimatedBeams.tilts(np.arcsin(2 * PITCH * np.array([-1, 0, 1])), width=1000.0),
+                    sensor=sg.FarField.grid((views, views), PITCH, side=side, center=center))  # fmt: skip
 
 
 # ---- Slopes and crossings ----------------------------------------------------------------------------------
@@ -135,12 +133,10 @@ def test_stationary_model_is_that_of_its_stacks(center, kernel):
 
 def test_stationary_fields_have_the_phases_of_path_sums(monkeypatch):
     """Between tilts at views that move with them, seen at 20 degrees."""
-    scene = sg.Scene(
-        wavelength=1.0,
-        medium=sg.Slab(thickness=400.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g=0.9)),
-        illumination=sg.CollimatedBeams.tilts(np.arcsin(16e-5 * np.arange(3)), width=4e4),
-        sensor=sg.FarField.grid((3, 65), 1e-5, center=(0.34, 0.0)),
-    )
+    scene = sg.Scene(wavelength=1.0,
+                     medium=sg.Slab(thickness=400.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g=0.9)),
+                     illumination=sg.CollimatedBeams.tilts(np.arcsin(16e-5 * np.arange(3)), width=4e4),
+                     sensor=sg.FarField.grid((3, 65), 1e-5, center=(0.34, 0.0)))  # fmt: skip
     probes = Probes.among([(t, 65 + 16 + 16 * t) for t in range(3)])
     exact = paths_estimate(scene, probes, 20_000, 1)
 
@@ -291,12 +287,10 @@ def test_bench_rows_fall_with_the_count():
 
 
 def test_closed_forms_count_no_paths():
-    scene = sg.Scene(
-        wavelength=1.0,
-        medium=sg.Box(lower=(-2.0, -2.0), upper=(2.0, 2.0), mean_free_path=20.0, scatterer=sg.Isotropic()),
-        illumination=sg.PlaneWaves.tilts([0.0], dimensions=2),
-        sensor=sg.FarField.angles([0.3]),
-    )
+    scene = sg.Scene(wavelength=1.0,
+                     medium=sg.Box(lower=(-2.0, -2.0), upper=(2.0, 2.0), mean_free_path=20.0, scatterer=sg.Isotropic()),
+                     illumination=sg.PlaneWaves.tilts([0.0], dimensions=2),
+                     sensor=sg.FarField.angles([0.3]))  # fmt: skip
     counts = {row.sampler: row.count for row in compare(scene, seconds=0.01)}
     assert counts.pop("single scattering, closed form") == 0
     assert min(counts.values()) > 0

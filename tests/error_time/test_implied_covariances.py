@@ -51,12 +51,9 @@ def test_objects_have_the_covariances_of_their_paths():
     """Between pixels of an object without symmetry, at views that have moved with them."""
     pitch = 1e-5
     brightness = np.array([[1.0, 0.0, 1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-    scene = sg.Scene(
-        wavelength=1.0,
-        medium=sg.Slab(thickness=400.0, mean_free_path=40.0, scatterer=sg.Isotropic()),
-        illumination=sg.IncoherentObject(brightness=brightness, pitch=40 * pitch, width=4e4),
-        sensor=sg.FarField.grid((85, 85), pitch),
-    )
+    scene = sg.Scene(wavelength=1.0, medium=sg.Slab(thickness=400.0, mean_free_path=40.0, scatterer=sg.Isotropic()),
+                     illumination=sg.IncoherentObject(brightness=brightness, pitch=40 * pitch, width=4e4),
+                     sensor=sg.FarField.grid((85, 85), pitch))  # fmt: skip
     moved = np.linalg.norm(scene.views[None, :, :2] - scene.lights[:, None, :2], axis=-1)
     probes = Probes.among([(light, moved[light].argmin()) for light in range(len(scene.lights))])
     model, exact = stationary_estimate(scene, probes, 20_000, 1), paths_estimate(scene, probes, 20_000, 2)

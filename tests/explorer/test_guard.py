@@ -49,10 +49,9 @@ def test_one_name_it_must_be():
         assert refusal(headers(*hosts)) == 421
 
 
-@pytest.mark.parametrize("origin", [
-    "http://elsewhere.example", "null", "", "http://localhost", "http://localhost:2719", "http://127.0.0.1:2718",
-    "http://localhost:2718.elsewhere.example", "file://", "ws://localhost:2718",
-])  # fmt: skip
+@pytest.mark.parametrize("origin", ["http://elsewhere.example", "null", "", "http://localhost", "http://localhost:2719",
+                                    "http://127.0.0.1:2718", "http://localhost:2718.elsewhere.example", "file://",
+                                    "ws://localhost:2718"])  # fmt: skip
 def test_foreign_pages_are_refused(origin):
     assert refusal(headers("localhost:2718", origins=[origin])) == 403
     assert refusal(headers("localhost:2718", origins=["http://localhost:2718", origin])) == 403

@@ -77,10 +77,9 @@ def test_every_physical_control_that_is_shown_changes_the_recipe(begin):
         assert recipe.recipe_table(other) == recipe.recipe_table(begin)
 
 
-@pytest.mark.parametrize("state", [
-    State(camera=64, sample=3), State(camera=64, photons=30.0, lobe="VonMisesFisher"),
-    GLASS.replace(camera=64, sample=1, gap=500.0), LAB.replace(camera=64, refractive_index=1.4),
-])  # fmt: skip
+@pytest.mark.parametrize("state", [State(camera=64, sample=3), State(camera=64, photons=30.0, lobe="VonMisesFisher"),
+                                   GLASS.replace(camera=64, sample=1, gap=500.0),
+                                   LAB.replace(camera=64, refractive_index=1.4)])  # fmt: skip
 def test_what_is_taken_along_renders_what_is_shown(state, tmp_path):
     """The picture in the page is, to the byte, that of the file's sample; and so is what the Python makes."""
     (tmp_path / "explored.toml").write_text(recipe.toml(state))

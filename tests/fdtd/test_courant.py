@@ -44,9 +44,8 @@ def test_reference_limits():
         assert 0.91 < courant_limit(kappa) < 0.955
 
 
-@pytest.mark.parametrize(
-    ("courant", "growth", "cells"), [(1.0001, 1.0287, 400), (1.001, 1.0936, 200), (1.01, 1.3266, 60)]
-)
+@pytest.mark.parametrize(("courant", "growth", "cells"),
+                         [(1.0001, 1.0287, 400), (1.001, 1.0936, 200), (1.01, 1.3266, 60)])  # fmt: skip
 def test_growth_beyond_the_uniform_limit(courant, growth, cells):
     """(S + sqrt(S^2 - 1))^2 a step; the finite grid's fastest mode is a little below the Nyquist one."""
     steps = int(500 / np.log(growth))

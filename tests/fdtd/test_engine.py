@@ -15,26 +15,21 @@ def engine_mean(slab_thickness: float, mean_free_path: float, index: float) -> f
     """|m| at v = i over that of an empty slab, from the engine: the beam's own coherent transmission."""
 
     def peak(free_path: float) -> float:
-        scene = sg.Scene(
-            wavelength=WAVELENGTH / index,
-            medium=sg.Slab(thickness=slab_thickness, mean_free_path=free_path, scatterer=sg.Isotropic()),
-            illumination=sg.CollimatedBeams.tilts([0.0], width=2000.0),
-            sensor=sg.FarField(directions=[[0.0, 0.0, 1.0]]),
-        )
+        scene = sg.Scene(wavelength=WAVELENGTH / index,
+                         medium=sg.Slab(thickness=slab_thickness, mean_free_path=free_path, scatterer=sg.Isotropic()),
+                         illumination=sg.CollimatedBeams.tilts([0.0], width=2000.0),
+                         sensor=sg.FarField(directions=[[0.0, 0.0, 1.0]]))  # fmt: skip
         return float(np.abs(sg.mean_field(scene)[0, 0]))
 
     return peak(mean_free_path) / peak(1e12)
 
 
 def layer(cells: int, correlation_length: float, rms_index: float) -> RandomLayer:
-    return RandomLayer(
-        n_points=cells, dx=0.002, correlation_length=correlation_length, rms_index=rms_index
-    )  # fmt: skip
+    return RandomLayer(n_points=cells, dx=0.002, correlation_length=correlation_length, rms_index=rms_index)
 
 
-@pytest.mark.parametrize(
-    ("cells", "correlation_length", "rms_index"), [(7000, 0.05, 0.1), (3500, 0.05, 0.08), (1500, 0.02, 0.1)]
-)
+@pytest.mark.parametrize(("cells", "correlation_length", "rms_index"),
+                         [(7000, 0.05, 0.1), (3500, 0.05, 0.08), (1500, 0.02, 0.1)])  # fmt: skip
 def test_both_means_agree_where_both_are_valid(cells, correlation_length, rms_index):
     random = layer(cells, correlation_length, rms_index)
     slab = equivalent_slab(random, WAVELENGTH)

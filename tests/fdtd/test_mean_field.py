@@ -14,10 +14,8 @@ from specklegen.fdtd import RandomLayer, coherent_transmission, equivalent_slab,
 FALSE_ALARM = 1e-6
 WAVELENGTH = 0.6
 # (n_points, dx, L_c, sigma_n, media): with and without much backscattering, thick and thin beside L_c
-LAYERS = [
-    (829, 0.01, 0.1, 0.1, 20_000), (1398, 0.01, 0.05, 0.1, 15_000), (1500, 0.002, 3.0, 0.03, 10_000),
-    (1500, 0.002, np.inf, 0.03, 10_000), (3337, 0.01, 0.3, 0.03, 8_000),
-]  # fmt: skip
+LAYERS = [(829, 0.01, 0.1, 0.1, 20_000), (1398, 0.01, 0.05, 0.1, 15_000), (1500, 0.002, 3.0, 0.03, 10_000),
+          (1500, 0.002, np.inf, 0.03, 10_000), (3337, 0.01, 0.3, 0.03, 8_000)]  # fmt: skip
 
 
 def depth_and_error(layer, media, seed=11):

@@ -93,11 +93,10 @@ def test_first_order_is_never_enough():
 
 
 # Table B3c: no sampling; (sigma, modulated): (back, forward), and V/4 for the modulated pulse.
-UNIFORM = {
-    (0.003, True): (0.0183, 0.0023, 0.0022), (0.01, True): (0.2229, 0.0258, 0.0247),
-    (0.03, True): (4.867, 0.2470, 0.2221), (0.06, True): (177.0, 1.172, 0.888), (0.003, False): (0.0002, 0.0001, None),
-    (0.01, False): (0.0025, 0.0006, None), (0.03, False): (0.0221, 0.0054, None), (0.06, False): (0.0879, 0.0208, None),
-}  # fmt: skip
+UNIFORM = {(0.003, True): (0.0183, 0.0023, 0.0022), (0.01, True): (0.2229, 0.0258, 0.0247),
+           (0.03, True): (4.867, 0.2470, 0.2221), (0.06, True): (177.0, 1.172, 0.888),
+           (0.003, False): (0.0002, 0.0001, None), (0.01, False): (0.0025, 0.0006, None),
+           (0.03, False): (0.0221, 0.0054, None), (0.06, False): (0.0879, 0.0208, None)}  # fmt: skip
 
 
 @pytest.mark.parametrize("row", UNIFORM)

@@ -68,10 +68,8 @@ def test_mur_ends_are_exact_at_courant_one():
     records = []
     for incidence in (near, far):
         first, last = np.empty((2, 1, incidence.steps))
-        march_total(
-            np.zeros((1, 50)), 1.0, incidence.mur, incidence.margin, incidence.source, incidence.source_cell, first,
-            last,
-        )  # fmt: skip
+        march_total(np.zeros((1, 50)), 1.0, incidence.mur, incidence.margin, incidence.source, incidence.source_cell,
+                    first, last)  # fmt: skip
         records.append(np.concatenate([first, last]))
     assert near.mur == pytest.approx(0, abs=1e-15)
     assert np.abs(records[0] - records[1]).max() < 1e-14
@@ -110,10 +108,8 @@ def slab_errors(dx):
 
 
 def test_slab_converges_to_fresnel_at_second_order():
-    expected = {
-        0.008: (3.58e-2, 9.1e-3, 5.9e-4), 0.004: (8.92e-3, 2.28e-3, 1.46e-4), 0.002: (2.23e-3, 5.70e-4, 3.6e-5),
-        0.001: (5.57e-4, 1.42e-4, 9.1e-6),
-    }  # fmt: skip
+    expected = {0.008: (3.58e-2, 9.1e-3, 5.9e-4), 0.004: (8.92e-3, 2.28e-3, 1.46e-4), 0.002: (2.23e-3, 5.70e-4, 3.6e-5),
+                0.001: (5.57e-4, 1.42e-4, 9.1e-6)}  # fmt: skip
     errors = {dx: slab_errors(dx) for dx in expected}
     for dx, row in expected.items():
         assert errors[dx] == pytest.approx(row, rel=0.03)  # the sampling of the band is ours
@@ -125,8 +121,7 @@ def test_slab_converges_to_fresnel_at_second_order():
 @pytest.mark.parametrize(("change", "rule"), [
     ({"n_slab": math.nan}, "n_slab must be finite and above 0; got nan"),
     ({"n_background": 0.0}, "n_background must be finite and above 0; got 0.0"),
-    ({"thickness": "x"}, "thickness must be a number; got 'x'"),
-    ({"thickness": -1.0}, "thickness must be finite"),
+    ({"thickness": "x"}, "thickness must be a number; got 'x'"), ({"thickness": -1.0}, "thickness must be finite"),
     ({"wavenumber": [1.0, math.inf]}, "wavenumber must be finite everywhere"),
 ])  # fmt: skip
 def test_slabs_that_are_none_are_refused(change, rule):

@@ -29,23 +29,20 @@ def exact_cumulants(camera, level):
     """Mean, variance, fourth cumulant of the counts of a flat field below saturation."""
     charge = camera.photons * level + camera.background + camera.dark_current * camera.exposure
     rounding = (1 / 12, -1 / 120) if camera.bit_depth else (0, 0)
-    return (
-        charge / camera.gain + camera.offset, (charge + camera.read_noise**2) / camera.gain**2 + rounding[0],
-        charge / camera.gain**4 + rounding[1],
-    )  # fmt: skip
+    return (charge / camera.gain + camera.offset, (charge + camera.read_noise**2) / camera.gain**2 + rounding[0],
+            charge / camera.gain**4 + rounding[1])  # fmt: skip
 
 
 LEVELS = [0.0, 0.03, 0.3, 1.0, 3.0]
 CAMERAS = {
-    "shot": Camera(photons=100, bit_depth=None),
-    "read": Camera(photons=100, read_noise=3, bit_depth=None),
+    "shot": Camera(photons=100, bit_depth=None), "read": Camera(photons=100, read_noise=3, bit_depth=None),
     "background": Camera(photons=100, background=20, bit_depth=None),
     "dark": Camera(photons=100, dark_current=2, exposure=4, bit_depth=None),
     "gain": Camera(photons=100, gain=0.4, offset=10, bit_depth=None),
     "all": Camera(
         photons=300, background=5, dark_current=3, exposure=0.5, read_noise=2, gain=1.7, offset=50, bit_depth=12
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CAMERAS)

@@ -128,9 +128,8 @@ def test_entrances_of_paths_see_the_closed_form_of_a_first_scattering():
     bank = bank.select(np.hypot(*(bank.entry[:, :2] - focus[:2]).T) < 8)
     assert len(bank) > 30
     clear = tracer.layout.volume._replace(extinction=np.array([1e-12]))
-    found = entrance_factors(
-        type(tracer.layout)(**{**vars(tracer.layout), "volume": clear}), bank, seen.illumination.amplitudes(1.0)
-    )[0]
+    found = entrance_factors(type(tracer.layout)(**{**vars(tracer.layout), "volume": clear}), bank,
+                             seen.illumination.amplitudes(1.0))[0]  # fmt: skip
     lobe = np.sqrt(concentration / (2 * np.pi * -np.expm1(-2 * concentration)))
     told = {"direction": bank.entry_direction, "sharpness": concentration / 2}
     expected = lobe * gaussian_focus(bank.entry, focus, WAIST, 1.0, **told)

@@ -289,10 +289,8 @@ def refusal(fields):
     return ""
 
 
-@given(
-    log_u=st.floats(1, 4), log_v=st.floats(1, 4), log_aperture=st.floats(-2, 1.5), filling=st.floats(0.01, 1),
-    pixels=st.integers(16, 4096),
-)  # fmt: skip
+@given(log_u=st.floats(1, 4), log_v=st.floats(1, 4), log_aperture=st.floats(-2, 1.5), filling=st.floats(0.01, 1),
+       pixels=st.integers(16, 4096))  # fmt: skip
 @settings(max_examples=400, deadline=None, derandomize=True)
 def test_every_laboratory_that_passes_keeps_its_correlation(log_u, log_v, log_aperture, filling, pixels):
     """Exact spherical phases over the whole camera, for any laboratory that is not refused."""

@@ -48,10 +48,8 @@ def test_stokes_parameters_that_are_linear_over_the_image_are_found_again(extinc
 def test_a_mosaic_before_a_scene_sees_one_medium():
     """Sums of images at right angles are one and the same, and counts give the degree of polarisation of the light."""
     slab = sg.Slab(thickness=1000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(0.9), polarisation="projector")
-    scene = sg.Scene(
-        wavelength=0.5, medium=slab, illumination=sg.CollimatedBeams.tilts([0.0], width=10_000.0),
-        sensor=sg.FarField.grid((8, 8), 1e-5), polarisers=sg.Polarisers.parallel(),
-    )  # fmt: skip
+    scene = sg.Scene(wavelength=0.5, medium=slab, illumination=sg.CollimatedBeams.tilts([0.0], width=10_000.0),
+                     sensor=sg.FarField.grid((8, 8), 1e-5), polarisers=sg.Polarisers.parallel())  # fmt: skip
     mosaic = PolarisationMosaic()
     images = np.stack([
         sg.render(each, paths=300, seed=1, sampler="paths").intensity[0].astype(np.float64)

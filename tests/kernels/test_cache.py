@@ -29,10 +29,9 @@ RIGHT = DRAWN[0, 0].hex()
 
 def run(folder: Path, first: str = "", checkout: Path = ROOT, **settings: str) -> tuple[str, str]:
     """Run the program with its cache in a folder; return its output and warnings."""
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM.format(first=first)], capture_output=True, text=True, timeout=120, cwd=checkout,
-        env=os.environ | {"SPECKLEGEN_CACHE": str(folder)} | settings,
-    )  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", PROGRAM.format(first=first)], capture_output=True, text=True,
+                          timeout=120, cwd=checkout,
+                          env=os.environ | {"SPECKLEGEN_CACHE": str(folder)} | settings)  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout.strip(), done.stderr
 
@@ -67,10 +66,8 @@ def compiled(matrix, normals):
 out[:] = 0
 print(*read, round(compiled(np.array([[2.0, 1.0], [1.0, 4.0]]), out), 9), out[0, 0].hex())
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=os.environ | {"SPECKLEGEN_CACHE": str(filled)}, capture_output=True,
-        text=True, timeout=300, cwd=ROOT,
-    )  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", program], env=os.environ | {"SPECKLEGEN_CACHE": str(filled)},
+                          capture_output=True, text=True, timeout=300, cwd=ROOT)  # fmt: skip
     assert done.stdout == f"{RIGHT} [] 11.0 {RIGHT}\n", done.stderr
 
 

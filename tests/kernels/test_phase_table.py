@@ -69,12 +69,10 @@ GAPS = sg.Tabulated(theta=[0, 0.2, 0.4, 0.6, 0.9, 1.5, 2.0, 2.5, PI], amplitude=
 SPIKE = sg.Tabulated(theta=[0.0, 1.0, 1.00001, 1.00002, PI], amplitude=[0.3, 0.1, 300.0, 0.1j, 0.2])
 COARSE = sg.Tabulated(theta=[0.0, PI], amplitude=[1.0, -0.5 + 1j])
 SPHERE = sg.Mie(radius=0.8, wavelength=0.5, refractive_index=1.2)
-TYPES = {
-    "isotropic": sg.Isotropic(),
-    **{f"g = {g}": sg.HenyeyGreenstein(g=g) for g in (-0.99, -0.5, 0.0, 0.9, 0.999, 0.99999)},
-    **{f"kappa = {k:g}": sg.VonMisesFisher(concentration=k) for k in (1e-9, 0.5, 3.0, 40.0, 1e4, 1e8)}, "gaps": GAPS,
-    "spike": SPIKE, "coarse": COARSE, "sphere": SPHERE,
-}  # fmt: skip
+TYPES = {"isotropic": sg.Isotropic(),
+         **{f"g = {g}": sg.HenyeyGreenstein(g=g) for g in (-0.99, -0.5, 0.0, 0.9, 0.999, 0.99999)},
+         **{f"kappa = {k:g}": sg.VonMisesFisher(concentration=k) for k in (1e-9, 0.5, 3.0, 40.0, 1e4, 1e8)},
+         "gaps": GAPS, "spike": SPIKE, "coarse": COARSE, "sphere": SPHERE}  # fmt: skip
 CASES = [(name, d) for name in TYPES for d in (2, 3) if (name, d) != ("sphere", 2)]
 
 

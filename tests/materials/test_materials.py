@@ -73,9 +73,8 @@ def test_a_suspension_of_one_size_is_that_sphere(index):
     sphere = sg.Mie(radius=0.5, wavelength=0.5, refractive_index=index)
     found = suspension(((Sizes(radii=[0.5], numbers=[1.0]), index),), 0.5)
     assert found.scattering == pytest.approx(sphere.scattering_cross_section, rel=1e-12)
-    assert found.absorption == pytest.approx(
-        sphere.extinction_cross_section - sphere.scattering_cross_section, rel=1e-9, abs=1e-15
-    )
+    assert found.absorption == pytest.approx(sphere.extinction_cross_section - sphere.scattering_cross_section,
+                                             rel=1e-9, abs=1e-15)  # fmt: skip
     power = np.abs(found.scatterer.amplitude(np.cos(THETA)))
     # Both tables are linear between nodes that leave 1e-4.
     np.testing.assert_allclose(power, np.abs(sphere.amplitude(np.cos(THETA))), rtol=1e-3, atol=1e-4 * power.max())
@@ -131,9 +130,8 @@ def test_intralipid_is_that_of_van_staveren_within_what_is_said():
     assert scattering * found.mean_free_path / 1000 == pytest.approx(1.28, abs=0.02)
 
 
-@pytest.mark.parametrize(
-    ("wavelength", "reduced", "by_mie"), [(0.6328, 25.9, 0.03), (0.751, 21.2, 0.05), (0.833, 18.4, 0.04)]
-)
+@pytest.mark.parametrize(("wavelength", "reduced", "by_mie"),
+                         [(0.6328, 25.9, 0.03), (0.751, 21.2, 0.05), (0.833, 18.4, 0.04)])  # fmt: skip
 def test_droplets_of_oil_are_the_intralipid_that_was_measured(wavelength, reduced, by_mie):
     """Sizes are fitted to the formulas of Michels et al.; what Di Ninni et al. measured is not."""
     droplets = sg.materials.get("intralipid-mie", wavelength, dilution=0.01)
@@ -202,9 +200,8 @@ def test_a_lobe_is_drawn_unless_it_is_given_and_moves_no_number():
             sg.materials.get(name, 0.633, lobe="von-mises-fisher")
 
 
-@pytest.mark.parametrize(("name", "numbers"), [
-    ("skin", (46.0, 1.421)), ("brain", (24.2, 1.611)), ("bone", (22.9, 0.716)), ("muscle", (13.0, 0.926)),
-])  # fmt: skip
+@pytest.mark.parametrize(("name", "numbers"), [("skin", (46.0, 1.421)), ("brain", (24.2, 1.611)),
+                                               ("bone", (22.9, 0.716)), ("muscle", (13.0, 0.926))])  # fmt: skip
 def test_tissues_follow_the_power_law_of_jacques(name, numbers):
     a, b = numbers
     for wavelength in (0.5, 0.8):
@@ -217,10 +214,8 @@ def test_tissues_follow_the_power_law_of_jacques(name, numbers):
 def test_layers_of_skin_scatter_as_they_are_cited():
     """Reduced scattering at 633 nm, 1 / cm, computed here anew; and as layers of one medium."""
     x = 0.633 / 0.5
-    cited = {
-        "epidermis": 66.7 * (0.29 * x**-4 + 0.71 * x**-0.689), "dermis": 43.6 * (0.41 * x**-4 + 0.59 * x**-0.562),
-        "fat": 1050.6 * 633**-0.68,
-    }  # fmt: skip
+    cited = {"epidermis": 66.7 * (0.29 * x**-4 + 0.71 * x**-0.689), "dermis": 43.6 * (0.41 * x**-4 + 0.59 * x**-0.562),
+             "fat": 1050.6 * 633**-0.68}  # fmt: skip
     layers = []
     for name, reduced in cited.items():
         found = sg.materials.get(name, 0.633, absorption=0.001)

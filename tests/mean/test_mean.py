@@ -166,10 +166,8 @@ def test_rays_that_do_not_move_sideways_through_a_dense_voxel():
 
 def test_layers_of_voxels_on_the_axis():
     """Forward, layers of any density give A (1 - e^(-OD/2)), each with its own particles; so does a checkered grid."""
-    grid = sg.VoxelGrid(
-        lower=(-2.0, 0.0), upper=(2.0, 3.0), extinction=[[0.0, 2.0], [0.4, 0.0], [1.0, 0.1]],
-        material=[[0, 1], [1, 0], [0, 0]], scatterers=(SCATTERER, sg.Isotropic()),
-    )  # fmt: skip
+    grid = sg.VoxelGrid(lower=(-2.0, 0.0), upper=(2.0, 3.0), extinction=[[0.0, 2.0], [0.4, 0.0], [1.0, 0.1]],
+                        material=[[0, 1], [1, 0], [0, 0]], scatterers=(SCATTERER, sg.Isotropic()))  # fmt: skip
     m = sg.mean_field(scene(grid, at([0.0]), at([0.0]))).item()
     expected = TURN[2] * -(2 * np.expm1(-0.7) + 2 * np.expm1(-1.05))
     assert m == pytest.approx(expected, rel=finite.TOLERANCE)
@@ -347,15 +345,13 @@ def test_mixtures_have_their_types_mean_shape():
 
 BEAMS = sg.CollimatedBeams(directions=at([0.0, 5.0]), width=2.0)
 SLAB = sg.Slab(thickness=2.0, mean_free_path=2.0, scatterer=SCATTERER)
-RENDERED = {
-    "box, waves, far": scene(box((3.0, 2.0)), at([0.0, 5.0]), at([0.0, 30.0])),
-    "voxels, waves, far": scene(voxels(box((3.0, 2.0)), (2, 2)), at([0.0, 5.0]), at([0.0, 30.0])),
-    "box, beams, far": scene(box((3.0, 2.0)), BEAMS, at([0.0, 30.0])),
-    "slab, beams, far": scene(SLAB, BEAMS, at([0.0, 30.0])),
-    "slab, waves, near": scene(SLAB, at([0.0, 5.0]), [[0.0, 1.0], [0.4, 9.0]], near=True),
-    "box, points, near": scene(box((3.0, 2.0)), sg.PointSources(points=[[0.0, -4.0]]), [[0.0, 5.0]], near=True),
-    "slab, points, far": scene(SLAB, sg.PointSources(points=[[0.0, -4.0]]), at([0.0, 30.0])),
-}
+RENDERED = {"box, waves, far": scene(box((3.0, 2.0)), at([0.0, 5.0]), at([0.0, 30.0])),
+            "voxels, waves, far": scene(voxels(box((3.0, 2.0)), (2, 2)), at([0.0, 5.0]), at([0.0, 30.0])),
+            "box, beams, far": scene(box((3.0, 2.0)), BEAMS, at([0.0, 30.0])),
+            "slab, beams, far": scene(SLAB, BEAMS, at([0.0, 30.0])),
+            "slab, waves, near": scene(SLAB, at([0.0, 5.0]), [[0.0, 1.0], [0.4, 9.0]], near=True),
+            "box, points, near": scene(box((3.0, 2.0)), sg.PointSources(points=[[0.0, -4.0]]), [[0.0, 5.0]], near=True),
+            "slab, points, far": scene(SLAB, sg.PointSources(points=[[0.0, -4.0]]), at([0.0, 30.0]))}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", RENDERED)

@@ -15,9 +15,8 @@ DEEP = 60.0
 
 
 def half_space(albedo, faces=None):
-    return sg.Slab(
-        thickness=DEEP, mean_free_path=1.0, albedo=albedo, scatterer=sg.Isotropic(), faces=faces or sg.Faces()
-    )  # fmt: skip
+    return sg.Slab(thickness=DEEP, mean_free_path=1.0, albedo=albedo, scatterer=sg.Isotropic(),
+                   faces=faces or sg.Faces())  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -27,10 +26,8 @@ def slab_light():
 
 def assert_totals(found, reflectance, transmittance):
     """Both totals against exact ones, rounded to five digits."""
-    assert_z(
-        [found.reflectance, found.transmittance], [reflectance, transmittance],
-        [found.reflectance_error, found.transmittance_error], slack=5e-6,
-    )  # fmt: skip
+    assert_z([found.reflectance, found.transmittance], [reflectance, transmittance],
+             [found.reflectance_error, found.transmittance_error], slack=5e-6)  # fmt: skip
 
 
 def test_van_de_hulsts_slab(slab_light):

@@ -46,10 +46,8 @@ def test_what_numpy_writes(tmp_path):
     ("0,1\n2,.5\n1,.4\n", r"line 3, must be of a place above the one before, 2; got 1\.0\. Sort"),
     ("0,1\n0,.5\n", "line 2, .*average repeats"),
     ("0,1,.1\n1,.5,0\n", "line 2, must be of a standard error greater than 0"),
-    ("0,1,.1\n1,.5\n", "line 2, must be of at least 3 columns"),
-    ("0\n1\n", "line 1, must be of at least 2 columns"),
-    ("tilt,C\n0,1\n", "at least two lines"),
-    ("", "at least two lines"),
+    ("0,1,.1\n1,.5\n", "line 2, must be of at least 3 columns"), ("0\n1\n", "line 1, must be of at least 2 columns"),
+    ("tilt,C\n0,1\n", "at least two lines"), ("", "at least two lines"),
     ("a,b\nc,d\n", "line 2, must be of finite numbers"),
 ])  # fmt: skip
 def test_the_line_is_named(lines, told, tmp_path):

@@ -60,10 +60,8 @@ def test_dark_frames_flat_field_and_region_are_taken_off_exactly():
     level, gain = rng.integers(90, 110, LIGHT.shape), 2.0 ** rng.integers(-1, 2, LIGHT.shape)
     signal = np.rint(500 * LIGHT)
     flat = 400 * gain + level
-    found = read_measurement(
-        signal * gain + level, dark=np.stack([level - 1, level + 1]), flat=flat, region=[8, 16, 40, 50],
-        hot_pixels=False,
-    )  # fmt: skip
+    found = read_measurement(signal * gain + level, dark=np.stack([level - 1, level + 1]), flat=flat,
+                             region=[8, 16, 40, 50], hot_pixels=False)  # fmt: skip
     assert np.allclose(found.light[0], (signal * gain.mean())[8:48, 16:66], rtol=1e-12)
     assert found.region == (8, 16, 40, 50)
     assert found.images is found.light
@@ -136,10 +134,8 @@ def test_the_lit_region_is_found():
     counts = np.random.default_rng(0).poisson(3.0, (120, 200)).astype(float)
     counts[31:91, 50:149] += np.random.default_rng(1).exponential(300, (60, 99))
     region = read_measurement(counts, region="find").region
-    inner = (
-        min(region.top + region.height, 91) - max(region.top, 31),
-        min(region.left + region.width, 149) - max(region.left, 50),
-    )
+    inner = (min(region.top + region.height, 91) - max(region.top, 31),
+             min(region.left + region.width, 149) - max(region.left, 50))  # fmt: skip
     assert inner[0] * inner[1] > 0.8 * 60 * 99  # blocks are 4 pixels wide
     assert region.height * region.width - inner[0] * inner[1] < 0.05 * 60 * 99
 

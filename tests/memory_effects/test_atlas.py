@@ -230,12 +230,10 @@ def agreement(medium: Slab, paths: int, rounds: int) -> dict[str, float]:
     bright, bright_error = map(float, jackknife(parts, lambda total: np.log(total[0] / total[1])))
     difference = np.abs(kernel(q) ** 2 - value)
     light = abs(float(np.log(kernel.weights.sum())) - bright)
-    return {
-        "difference": float(difference.max()), "error": float(error.max()), "bound": errors.correlation,
-        "z": float((np.maximum(difference - errors.correlation, 0)[1:] / error[1:]).max()), "light": light,
-        "light_error": bright_error, "light_bound": errors.intensity,
-        "light_z": max(light - errors.intensity, 0) / bright_error,
-    }  # fmt: skip
+    return {"difference": float(difference.max()), "error": float(error.max()), "bound": errors.correlation,
+            "z": float((np.maximum(difference - errors.correlation, 0)[1:] / error[1:]).max()), "light": light,
+            "light_error": bright_error, "light_bound": errors.intensity,
+            "light_z": max(light - errors.intensity, 0) / bright_error}  # fmt: skip
 
 
 @pytest.mark.parametrize("medium", [slab(0.5, 0.98), slab(2.1, 0.969), slab(10.0, 0.9), slab(1e-3, 0.0)])
@@ -250,11 +248,10 @@ def test_bins_of_estimates_lose_nothing(medium):
     np.testing.assert_allclose(kernel(q) ** 2, whole, atol=2e-3)  # 3 % wide bins; 0.2 where r falls off their end
 
 
-@pytest.mark.parametrize("medium", [
-    slab(1.3, 0.2), slab(4.5, 0.9), slab(9.0, 0.85, 0.995), slab(12.0, 0.0), slab(7.0, 0.994), slab(4.0, 0.988, 0.99),
-    slab(4.0, 0.9, 0.9), fog(1.7, 0.3), fog(4.5, 0.9), fog(9.0, 0.85, 0.995), fog(12.0, 0.1), fog(7.0, 0.994),
-    fog(3.0, 0.9985),
-])  # fmt: skip
+@pytest.mark.parametrize("medium", [slab(1.3, 0.2), slab(4.5, 0.9), slab(9.0, 0.85, 0.995), slab(12.0, 0.0),
+                                    slab(7.0, 0.994), slab(4.0, 0.988, 0.99), slab(4.0, 0.9, 0.9), fog(1.7, 0.3),
+                                    fog(4.5, 0.9), fog(9.0, 0.85, 0.995), fog(12.0, 0.1), fog(7.0, 0.994),
+                                    fog(3.0, 0.9985)])  # fmt: skip
 def test_agrees_with_new_paths(medium):
     """Within the stated bound, and the errors of the new paths."""
     found = agreement(medium, 150_000, 1 if medium.albedo > 0.95 else 5)

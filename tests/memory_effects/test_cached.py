@@ -57,10 +57,8 @@ def slab(unit=1.0, **fields):
 
 def scene(aside=0.0, **fields):
     tilts = np.stack([aside + np.array([0.0, 1e-4, 3e-4]), np.zeros(3)], axis=-1)
-    return sg.Scene(
-        wavelength=0.5, medium=slab(**fields), illumination=sg.CollimatedBeams.tilts(tilts, width=5000.0),
-        sensor=sg.FarField.grid((8, 8), 2e-5, center=(aside, 0.0)),
-    )  # fmt: skip
+    return sg.Scene(wavelength=0.5, medium=slab(**fields), illumination=sg.CollimatedBeams.tilts(tilts, width=5000.0),
+                    sensor=sg.FarField.grid((8, 8), 2e-5, center=(aside, 0.0)))  # fmt: skip
 
 
 @pytest.mark.parametrize("aside", [0.0, 0.3])

@@ -175,9 +175,8 @@ def test_the_tiniest_tilt_has_its_parabola(optical_depth):
 
 def test_the_tiniest_tilt_off_the_axis_keeps_its_sense():
     """The exact amplitudes subtract from 1: rounding leaves 1e-16 sqrt(paths), far below (k theta L)^2."""
-    found = sg.memory_effect(
-        slab(3), wavelength=WAVELENGTH, tilts=[1e-7, 2e-7], paths=20_000, seed=1, mode="reflection"
-    )
+    found = sg.memory_effect(slab(3), wavelength=WAVELENGTH, tilts=[1e-7, 2e-7], paths=20_000, seed=1,
+                             mode="reflection")  # fmt: skip
     assert (found.decorrelation > 0).all()
     assert found.decorrelation[1] / found.decorrelation[0] == pytest.approx(4, rel=1e-3)
 
@@ -359,15 +358,13 @@ def test_half_range_is_where_it_says():
 
 # ---- Errors --------------------------------------------------------------------------------------------
 
-BAD = {
-    "tilts of 90 degrees": ({"tilts": [90.0]}, "memory_effect tilts must be radians.*got .*90.*np.deg2rad"),
-    "tilts of two axes": ({"tilts": [[0.0, 0.1]]}, r"memory_effect tilts must be.*shape \(T,\)"),
-    "wavelength": ({"wavelength": -0.5}, "memory_effect wavelength must be finite and above 0; got -0.5"),
-    "mode": ({"mode": "sideways"}, "memory_effect mode must be .*got 'sideways'"),
-    "view not unit": ({"view": [0.0, 0.0, 2.0]}, "memory_effect view must be a unit vector"),
-    "view behind": ({"view": [0.0, 0.0, -1.0]}, "memory_effect view must be .*side of transmission"),
-    "view beyond the horizon": ({"view": [0.8, 0.0, 0.6], "tilts": [0.5]}, "inside the unit circle"),
-}
+BAD = {"tilts of 90 degrees": ({"tilts": [90.0]}, "memory_effect tilts must be radians.*got .*90.*np.deg2rad"),
+       "tilts of two axes": ({"tilts": [[0.0, 0.1]]}, r"memory_effect tilts must be.*shape \(T,\)"),
+       "wavelength": ({"wavelength": -0.5}, "memory_effect wavelength must be finite and above 0; got -0.5"),
+       "mode": ({"mode": "sideways"}, "memory_effect mode must be .*got 'sideways'"),
+       "view not unit": ({"view": [0.0, 0.0, 2.0]}, "memory_effect view must be a unit vector"),
+       "view behind": ({"view": [0.0, 0.0, -1.0]}, "memory_effect view must be .*side of transmission"),
+       "view beyond the horizon": ({"view": [0.8, 0.0, 0.6], "tilts": [0.5]}, "inside the unit circle")}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BAD)

@@ -45,16 +45,13 @@ LAYERS = sg.Layers(layers=[
     sg.Layer(thickness=10.0, mean_free_path=10.0, scatterer=EVEN, motion=drift(3.0, 1.0, -2.0)),
     sg.Layer(thickness=10.0, mean_free_path=10.0, scatterer=EVEN, motion=sg.Shear(rate=-0.2)),
 ])  # fmt: skip
-GRID = sg.VoxelGrid(
-    lower=[-30, -30, 0], upper=[30, 30, 40], extinction=np.full((2, 2, 2), 0.1), albedo=0.9,
-    material=[[[0, 1], [2, 0]], [[1, 1], [0, 2]]], scatterers=[LOBE, EVEN, LOBE],
-    motion=(None, drift(1.0, 2.0, 3.0), Turning(rate=0.1)),
-)  # fmt: skip
+GRID = sg.VoxelGrid(lower=[-30, -30, 0], upper=[30, 30, 40], extinction=np.full((2, 2, 2), 0.1), albedo=0.9,
+                    material=[[[0, 1], [2, 0]], [[1, 1], [0, 2]]], scatterers=[LOBE, EVEN, LOBE],
+                    motion=(None, drift(1.0, 2.0, 3.0), Turning(rate=0.1)))  # fmt: skip
 MIXTURE = sg.Mixture(types=[LOBE, sg.VonMisesFisher(20.0)], fractions=[0.5, 0.5])
-MEDIA = {
-    "henyey": SLAB, "table": SLAB.replace(scatterer=sg.VonMisesFisher(8.0)), "types": SLAB.replace(scatterer=MIXTURE),
-    "stretched": SLAB.replace(thickness=120.0, albedo=0.8), "layers": LAYERS, "voxels": GRID,
-}  # fmt: skip
+MEDIA = {"henyey": SLAB, "table": SLAB.replace(scatterer=sg.VonMisesFisher(8.0)),
+         "types": SLAB.replace(scatterer=MIXTURE), "stretched": SLAB.replace(thickness=120.0, albedo=0.8),
+         "layers": LAYERS, "voxels": GRID}  # fmt: skip
 
 
 def bank_of(medium, transfer=True, paths=4000):
@@ -168,9 +165,8 @@ def test_light_that_is_scattered_once_turns_by_its_depth():
     """A shear before a thin slab: the mean of e^(i k tau v_x rate z) over the depths z where light is scattered."""
     thin = sg.Slab(thickness=10.0, mean_free_path=1e5, scatterer=EVEN, motion=sg.Shear(rate=1.0))
     lags, sine = np.array([0.5, 2.0, 7.0]) / (K * 10.0), 0.6
-    found = sg.temporal_correlation(
-        thin, wavelength=2 * np.pi / K, lags=lags, view=[sine, 0.0, 0.8], paths=20_000, seed=1
-    )
+    found = sg.temporal_correlation(thin, wavelength=2 * np.pi / K, lags=lags, view=[sine, 0.0, 0.8], paths=20_000,
+                                    seed=1)  # fmt: skip
     turn = K * lags * sine * 10.0
     expected = (np.exp(1j * turn) - 1) / (1j * turn)  # E[u_0 u_tau*], u_tau turned by -k tau v . V
     weights, twice = found.classes.weights, (np.exp(2j * turn) - 1) / (2j * turn)
@@ -303,10 +299,8 @@ WIDE = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreens
 TIMES = np.array([0.0, 0.005, 0.015])
 STILL = sg.Layer(thickness=5.0, mean_free_path=5.0, scatterer=LOBE)
 MOVING = STILL.replace(motion=drift(2.0, 0, 0))
-VOXELS = sg.VoxelGrid(
-    lower=[-100, -100, 0], upper=[100, 100, 10], extinction=np.full((2, 1, 1), 0.2), material=[[[0]], [[1]]],
-    scatterers=[LOBE, LOBE], motion=(None, drift(2.0, 0, 0)),
-)  # fmt: skip
+VOXELS = sg.VoxelGrid(lower=[-100, -100, 0], upper=[100, 100, 10], extinction=np.full((2, 1, 1), 0.2),
+                      material=[[[0]], [[1]]], scatterers=[LOBE, LOBE], motion=(None, drift(2.0, 0, 0)))  # fmt: skip
 SMALL = {"times": 20 * TIMES, "width": 60.0, "shape": (8, 8), "pitch": 0.005, "center": (0.2, 0.0)}
 
 
@@ -323,11 +317,9 @@ def correlated(fields):
     return jackknife(sums, lambda s: (s[1:t] / np.sqrt(s[t + 1 :] * s[t]).real).view(float).reshape(-1, 2))
 
 
-FILMS = {
-    "slab": (film(), THIN), "off the axis": (film(center=(0.3, 0.0)), THIN),
-    "layers": (film(sg.Layers(layers=[STILL, MOVING]), **SMALL), sg.Layers(layers=[STILL, MOVING])),
-    "voxels": (film(VOXELS, **SMALL), sg.Layers(layers=[STILL, MOVING])),
-}  # fmt: skip
+FILMS = {"slab": (film(), THIN), "off the axis": (film(center=(0.3, 0.0)), THIN),
+         "layers": (film(sg.Layers(layers=[STILL, MOVING]), **SMALL), sg.Layers(layers=[STILL, MOVING])),
+         "voxels": (film(VOXELS, **SMALL), sg.Layers(layers=[STILL, MOVING]))}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", FILMS)
@@ -379,10 +371,8 @@ def test_a_medium_that_moves_as_one_is_seen_elsewhere_by_the_window_and_nothing_
 def test_the_stationary_sampler_draws_flows_that_differ(medium):
     """Frames and tilts of a wide medium as the medium has them; they are those of path sums."""
     half = sg.Layer(thickness=500.0, mean_free_path=100.0, scatterer=WIDE.scatterer)
-    flows = {
-        "shear": WIDE.replace(motion=sg.Shear(rate=1 / 200)),
-        "layers": sg.Layers(layers=[half, half.replace(motion=drift(2.0, 0.0, 0.0))]),
-    }  # fmt: skip
+    flows = {"shear": WIDE.replace(motion=sg.Shear(rate=1 / 200)),
+             "layers": sg.Layers(layers=[half, half.replace(motion=drift(2.0, 0.0, 0.0))])}  # fmt: skip
     times, pitch, step = np.array([0.0, 0.2, 0.5]), 2.5e-5, 4
     beams = sg.CollimatedBeams.tilts(np.arcsin(np.arange(3) * step * pitch), width=20_000.0, times=times)
     grid = sg.FarField.grid((48, 56), pitch)

@@ -50,13 +50,11 @@ def test_the_closed_form_and_the_optimum_plane(walked):
 
 # Of programs of screens and of random walks: |K| over all views, unscattered light included, and about the axis, under
 # tilts of one and two bins of a grid of that side; paths first, errors of the last digit (standard error .002 granted).
-FORWARD = {
-    ("vMF", 4.0, 5, 400.0, 192): ([0.653, 0.259], [0.938, 0.792]),
-    ("vMF", 4.0, 20, 400.0, 384): ([0.616, 0.185], [0.901, 0.664]),
-    ("vMF", 3.0, 20, 200.0, 320): ([0.708, 0.311], [0.932, 0.757]),
-    ("HG", 0.98, 10, 400.0, 320): ([0.527, 0.271], [0.970, 0.900]),
-    ("HG", 0.9, 10, 60.0, 320): ([0.765, 0.511], [0.912, 0.813]),
-}
+FORWARD = {("vMF", 4.0, 5, 400.0, 192): ([0.653, 0.259], [0.938, 0.792]),
+           ("vMF", 4.0, 20, 400.0, 384): ([0.616, 0.185], [0.901, 0.664]),
+           ("vMF", 3.0, 20, 200.0, 320): ([0.708, 0.311], [0.932, 0.757]),
+           ("HG", 0.98, 10, 400.0, 320): ([0.527, 0.271], [0.970, 0.900]),
+           ("HG", 0.9, 10, 60.0, 320): ([0.765, 0.511], [0.912, 0.813])}  # fmt: skip
 
 
 def forward_slab(kind, width, depth, thickness):

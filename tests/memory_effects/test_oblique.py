@@ -34,9 +34,8 @@ slab = partial(slab_of_depth, g=0.9, thickness=THICKNESS)
 def test_matrices_are_the_sums_of_their_definition():
     """Over the connections, signs included: of lights, and of lights and instants together."""
     rng = np.random.default_rng(1)
-    ways = ObliqueCorrelation(
-        rng.normal(size=(5, 2)), rng.random(5), np.arange(5), 5, transfer=rng.random(5), doppler=rng.normal(size=5)
-    )
+    ways = ObliqueCorrelation(rng.normal(size=(5, 2)), rng.random(5), np.arange(5), 5, transfer=rng.random(5),
+                              doppler=rng.normal(size=5))  # fmt: skip
     sines, times, law = 0.2 * rng.normal(size=(3, 2)), np.array([0.0, 0.3, 0.7]), sg.Brownian(diffusion=0.4 / K**2)
     apart, later = sines[:, None] - sines, times[:, None] - times
     tilted = np.exp(-1j * K * (apart @ ways.displacement.T))
@@ -74,11 +73,9 @@ def correlation(total: np.ndarray) -> np.ndarray:
     return np.array([one / count, two / count, product * count / (one * two) - 1])
 
 
-CASES = [
-    pytest.param(10, 0, 0.9, "transmission", marks=pytest.mark.slow), (20, 0, 0.9, "transmission"),
-    pytest.param(0, 20, 0.9, "transmission", marks=pytest.mark.slow),
-    pytest.param(-20, 20, 0.9, "transmission", marks=pytest.mark.slow), (25, 0, 0.0, "reflection"),
-]  # fmt: skip
+CASES = [pytest.param(10, 0, 0.9, "transmission", marks=pytest.mark.slow), (20, 0, 0.9, "transmission"),
+         pytest.param(0, 20, 0.9, "transmission", marks=pytest.mark.slow),
+         pytest.param(-20, 20, 0.9, "transmission", marks=pytest.mark.slow), (25, 0, 0.0, "reflection")]  # fmt: skip
 
 
 @pytest.mark.parametrize(("view", "tilt", "g", "side"), CASES)
@@ -153,9 +150,8 @@ def test_the_criterion_accepts_it_to_forty_degrees(g, side):
     """At a quarter of what the planner allows; what is left at 200 thicknesses is the window's."""
     for view, tilt in ((40, 0), (0, 40), (-20, 20)):
         scene = oblique(view, tilt, g=g, side=side, shape=(3, 3))
-        scene = scene.replace(
-            illumination=scene.beams.replace(width=200 * THICKNESS), sensor=scene.sensor.replace(pitch=PITCH / 4)
-        )
+        scene = scene.replace(illumination=scene.beams.replace(width=200 * THICKNESS),
+                              sensor=scene.sensor.replace(pitch=PITCH / 4))  # fmt: skip
         error = pilot_error(scene, plan(scene, sampler="paths", reverse=False).chosen.tracer, 8192, oblique=True)
         assert error.accepts(STATIONARY_TOLERANCE / 4)
 
@@ -171,9 +167,7 @@ def test_the_kernel_of_the_axis_is_preferred_where_it_is_right():
 
 
 def test_hidden_objects_keep_to_the_axis():
-    scene = oblique(10).replace(
-        illumination=sg.IncoherentObject(brightness=np.ones((2, 2)), pitch=1e-5, width=WIDTH)
-    )  # fmt: skip
+    scene = oblique(10).replace(illumination=sg.IncoherentObject(brightness=np.ones((2, 2)), pitch=1e-5, width=WIDTH))
     made = plan(scene)
     assert made.sampler == "paths"
     back = scene.replace(sensor=scene.sensor.replace(side="reflection", center=(0.4, 0.0)))

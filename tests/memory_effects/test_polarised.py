@@ -241,10 +241,8 @@ def test_both_ways_to_a_curve_agree():
 
 # ---- In time ---------------------------------------------------------------------------------------------
 
-PASSED = {
-    "co": ([1, 1, 0, 0], [1, 1, 0, 0]), "crossed": ([1, -1, 0, 0], [1, 1, 0, 0]),
-    "circular": ([1, 0, 0, 1], [1, 0, 0, 1]), "flipped": ([1, 0, 0, -1], [1, 0, 0, 1]),
-}  # fmt: skip
+PASSED = {"co": ([1, 1, 0, 0], [1, 1, 0, 0]), "crossed": ([1, -1, 0, 0], [1, 1, 0, 0]),
+          "circular": ([1, 0, 0, 1], [1, 0, 0, 1]), "flipped": ([1, 0, 0, -1], [1, 0, 0, 1])}  # fmt: skip
 """What an analyser passes of a Stokes vector, and that of the light."""
 
 
@@ -255,18 +253,16 @@ def test_it_forgets_in_time_as_correlations_are_transferred(sine):
     medium = slab(depth, motion=sg.Brownian(diffusion=(WAVELENGTH / (2 * np.pi)) ** 2))
     lit = {channel: [] for channel in PASSED}
     for each in (0.0, *x):
-        light = vector_adding_doubling(
-            depth, lambda c, each=each: rayleigh(c) * np.exp(-2 * each * (1 - c)), views=[cosine]
-        ).transmitted[0, 0]  # fmt: skip
+        light = vector_adding_doubling(depth, lambda c, each=each: rayleigh(c) * np.exp(-2 * each * (1 - c)),
+                                       views=[cosine]).transmitted[0, 0]  # fmt: skip
         for channel, (passed, sent) in PASSED.items():
             lit[channel].append(passed @ light @ sent)
     powers = {channel: np.square(each) for channel, each in lit.items()}
     powers["none"] = powers["co"] + powers["crossed"]
     exact = {name: (each / each[0])[1:] for name, each in powers.items()}
     for channel, expected in exact.items():
-        found = sg.temporal_correlation(
-            medium, wavelength=WAVELENGTH, lags=x, channel=channel, view=[sine, 0.0, cosine], paths=20_000, seed=4
-        )  # fmt: skip
+        found = sg.temporal_correlation(medium, wavelength=WAVELENGTH, lags=x, channel=channel,
+                                        view=[sine, 0.0, cosine], paths=20_000, seed=4)  # fmt: skip
         assert_z(found.intensity, expected, found.standard_error, degrees=DEGREES)
     refute_z(found.intensity, 0.8 * exact["none"], found.standard_error, degrees=DEGREES)
 
@@ -343,10 +339,8 @@ REFUSED = {
 @pytest.mark.slow
 def test_a_channel_is_enhanced_as_the_literature_has_it():
     """Rayleigh slab of depth 40, by an independent program (.001 each); light of kept helicity exactly twice."""
-    channels = {
-        "co": ([1, 0], [1, 0], 1.742), "crossed": ([1, 0], [0, 1], 1.129),
-        "kept helicity": ([1, 1j], [1, -1j], 2.0), "flipped helicity": ([1, 1j], [1, 1j], 1.262),
-    }  # fmt: skip
+    channels = {"co": ([1, 0], [1, 0], 1.742), "crossed": ([1, 0], [0, 1], 1.129),
+                "kept helicity": ([1, 1j], [1, -1j], 2.0), "flipped helicity": ([1, 1j], [1, 1j], 1.262)}  # fmt: skip
     fields = [np.array(each[:2]) / np.linalg.norm(each[:2], axis=1, keepdims=True) for each in channels.values()]
     medium, runs = slab(40), 10
     lit = np.array([

@@ -30,12 +30,10 @@ def curve(medium, x, **asked):
 
 
 # g1 on the axis by another program, standard errors at most .0015.
-TABLE = {
-    (5, ISOTROPIC): [0.9352, 0.8507, 0.7360, 0.5729, 0.3289, 0.1832],
-    (10, ISOTROPIC): [0.7958, 0.5889, 0.3853, 0.1975, 0.0531, 0.0154],
-    (20, ISOTROPIC): [0.463, 0.194, 0.0648, 0.0132, 0.0007],
-    (10, FORWARD): [0.9969, 0.9923, 0.9848, 0.9705, 0.9324, 0.8808],
-}
+TABLE = {(5, ISOTROPIC): [0.9352, 0.8507, 0.7360, 0.5729, 0.3289, 0.1832],
+         (10, ISOTROPIC): [0.7958, 0.5889, 0.3853, 0.1975, 0.0531, 0.0154],
+         (20, ISOTROPIC): [0.463, 0.194, 0.0648, 0.0132, 0.0007],
+         (10, FORWARD): [0.9969, 0.9923, 0.9848, 0.9705, 0.9324, 0.8808]}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", TABLE, ids=lambda case: f"OD {case[0]}, {case[1].type}")
@@ -103,10 +101,8 @@ def test_contrast_of_an_exposure_as_long_as_the_time_to_one_over_e():
 
 
 # Joint figures of another program: |K(q, x)|^2, and the product of both, which it is not.
-JOINT = [
-    (10, ISOTROPIC, 0.01, 1.491, 0.0863, 0.0678), (10, ISOTROPIC, 0.01, 2.742, 0.0288, 0.0160),
-    (20, ISOTROPIC, 0.005, 1.491, 0.0235, 0.0174), (10, FORWARD, 0.05, 2.742, 0.5735, 0.5302),
-]  # fmt: skip
+JOINT = [(10, ISOTROPIC, 0.01, 1.491, 0.0863, 0.0678), (10, ISOTROPIC, 0.01, 2.742, 0.0288, 0.0160),
+         (20, ISOTROPIC, 0.005, 1.491, 0.0235, 0.0174), (10, FORWARD, 0.05, 2.742, 0.5735, 0.5302)]  # fmt: skip
 
 
 @pytest.mark.parametrize(("depth", "scatterer", "x", "q", "expected", "product"), JOINT)
@@ -242,9 +238,8 @@ def test_all_views_together():
                              shifts=[0.0], lags=1.0)  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("depth", "g", "albedo", "cosine"), [(10, 0.0, 1.0, 1.0), (5, 0.8, 0.95, 0.8), (3, 0.9, 1.0, 1.0)]
-)
+@pytest.mark.parametrize(("depth", "g", "albedo", "cosine"),
+                         [(10, 0.0, 1.0, 1.0), (5, 0.8, 0.95, 0.8), (3, 0.9, 1.0, 1.0)])  # fmt: skip
 def test_radiative_transfer_without_a_random_number_agrees(depth, g, albedo, cosine):
     """Adding and doubling of lobes that motion has weakened, behind the slab and before it, off the axis too."""
     x, sine = np.array([0.01, 0.1, 0.5]), np.sqrt(1 - cosine**2)

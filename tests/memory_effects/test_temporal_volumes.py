@@ -47,10 +47,8 @@ def walked(view, motion, lags, paths=80_000, seed=1):
 
 def halves(motion):
     """Voxels of which those of x > 0 move."""
-    return sg.VoxelGrid(
-        lower=LOW, upper=HIGH, extinction=np.full((1, 1, 2), SIGMA), albedo=ALBEDO, material=[[[0, 1]]],
-        scatterers=[sg.Isotropic()] * 2, motion=(None, motion),
-    )  # fmt: skip
+    return sg.VoxelGrid(lower=LOW, upper=HIGH, extinction=np.full((1, 1, 2), SIGMA), albedo=ALBEDO, material=[[[0, 1]]],
+                        scatterers=[sg.Isotropic()] * 2, motion=(None, motion))  # fmt: skip
 
 
 @pytest.mark.parametrize("motion", [FLUID, FLOW], ids=["Brownian", "flow"])
@@ -58,9 +56,8 @@ def halves(motion):
 def test_voxels_that_move_in_one_half(motion, mode):
     """By a literal walk; what moves 25 % faster is told."""
     lags = X if motion is FLUID else TIMES
-    found = sg.temporal_correlation(
-        halves(motion), wavelength=1.0, lags=lags, mode=mode, view=VIEWS[mode], paths=40_000, reverse=False
-    )
+    found = sg.temporal_correlation(halves(motion), wavelength=1.0, lags=lags, mode=mode, view=VIEWS[mode],
+                                    paths=40_000, reverse=False)  # fmt: skip
     np.testing.assert_allclose(found.x, X if motion is FLUID else 0.0)
     own = np.repeat(found.standard_error / 2 / np.abs(found.field), 2)
 
@@ -132,10 +129,8 @@ def test_a_medium_that_moves_as_one_forgets_nothing():
     ({"motion": None}, {}, "medium must be one whose particles move"),
     ({}, {"view": [0.6, 0.8]}, "view must be a unit vector of shape"),
     ({}, {"view": [0.0, 0.0, -1.0]}, "view must be a unit vector of shape"),
-    ({}, {"tilts": 2.0}, "tilts must be radians between"),
-    ({}, {"mode": "aside"}, "mode must be one of"),
-    ({}, {"lags": [-1.0]}, "lags must be finite and at least 0"),
-    ({}, {"channel": "co"}, "channel must be"),
+    ({}, {"tilts": 2.0}, "tilts must be radians between"), ({}, {"mode": "aside"}, "mode must be one of"),
+    ({}, {"lags": [-1.0]}, "lags must be finite and at least 0"), ({}, {"channel": "co"}, "channel must be"),
     ({"albedo": 0.0}, {}, "medium must be one that scatters"),
 ])  # fmt: skip
 def test_bad_input_is_named(changes, asked, says):

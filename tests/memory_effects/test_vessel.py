@@ -34,10 +34,8 @@ def local(paths, vessel, distances, lags):
         mine = paths.part == part
         number = np.cumsum(mine) - 1
         at = mine[paths.path]
-        own = VertexPaths(
-            paths.weight[mine], number[paths.path[at]], paths.place[at], paths.depth[at], paths.turn[at],
-            paths.part[mine],
-        )  # fmt: skip
+        own = VertexPaths(paths.weight[mine], number[paths.path[at]], paths.place[at], paths.depth[at], paths.turn[at],
+                          paths.part[mine])  # fmt: skip
         found = np.mean([each.field(lags) for each in local_light(own, vessel, distances, WAVELENGTH)], axis=0)
         parts.append(own.weight.sum() * np.concatenate([[1.0], found]))
     return jackknife(np.array(parts), lambda total: total[1:] / total[0])
@@ -90,11 +88,9 @@ def by_voxels(lags):
     x = (np.arange(-200, 200) + 0.5) * FINE
     z = (np.arange(40) + 0.5) * FINE
     inside = x**2 + (z[:, None] - CHANNEL.depth) ** 2 < CHANNEL.radius**2
-    medium = sg.VoxelGrid(
-        lower=[-200, -400, 0], upper=[200, 400, 40], extinction=np.full((40, 1, 400), 0.1), albedo=0.95,
-        material=inside[:, None].astype(float), scatterers=[TISSUE.scatterer] * 2,
-        motion=(None, sg.Drift(velocity=[0.0, CHANNEL.speed, 0.0])),
-    )  # fmt: skip
+    medium = sg.VoxelGrid(lower=[-200, -400, 0], upper=[200, 400, 40], extinction=np.full((40, 1, 400), 0.1),
+                          albedo=0.95, material=inside[:, None].astype(float), scatterers=[TISSUE.scatterer] * 2,
+                          motion=(None, sg.Drift(velocity=[0.0, CHANNEL.speed, 0.0])))  # fmt: skip
     beams = sg.CollimatedBeams.tilts([0.0, 0.0], width=2 * EDGES[-1], times=[0.0, 1.0])
     sensor = sg.FarField.grid((1, 1), 1e-6, side="reflection")
     scene = sg.Scene(wavelength=WAVELENGTH, medium=medium, illumination=beams, sensor=sensor)

@@ -94,9 +94,8 @@ def test_psnr_and_ssim_are_those_of_scikit_image():
     for n, truth in enumerate(target.numpy()):
         expected = peak_signal_noise_ratio(truth, fitted[n], data_range=1.0)
         assert metrics.psnr(image, target)[n].item() == pytest.approx(expected, rel=1e-12)
-        expected = structural_similarity(
-            truth, fitted[n], data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
-        )
+        expected = structural_similarity(truth, fitted[n], data_range=1.0, gaussian_weights=True, sigma=1.5,
+                                         use_sample_covariance=False)  # fmt: skip
         # variances are differences of smoothed squares, in another order of sums
         assert metrics.ssim(image, target)[n].item() == pytest.approx(expected, rel=1e-9)
 

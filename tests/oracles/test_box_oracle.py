@@ -65,10 +65,9 @@ def test_single_scattering_of_the_reference_cube():
 @pytest.mark.parametrize("reverse", [False, True])
 def test_fields_have_the_covariance(reverse):
     """Mixtures too: field mode draws particles, covariance mode adds them up (A17)."""
-    medium = box(
-        (-5, -5), (5, 5), extinction=0.2, albedo=0.8,
-        particles=(henyey_greenstein(0.7, 2), particle_by_rejection(tilted_amplitude, 0.4, 2)), shares=(0.3, 0.7),
-    )  # fmt: skip
+    medium = box((-5, -5), (5, 5), extinction=0.2, albedo=0.8,
+                 particles=(henyey_greenstein(0.7, 2), particle_by_rejection(tilted_amplitude, 0.4, 2)),
+                 shares=(0.3, 0.7))  # fmt: skip
     setup = Setup(medium, 1.0, Far(directions([0, 5])), Far(directions([0, 5, 180])))
     expected = batches(covariance, setup, 400, reverse=reverse)
     drawn = np.array(
@@ -104,10 +103,8 @@ def test_a_kind_without_a_share_changes_no_bit(shares):
     np.testing.assert_array_equal(*results)
 
 
-LAYERS = Medium(
-    np.array([[-5.0, -5], [-5, 0]]), np.array([[5.0, 0], [5, 5]]), np.array([0.1, 0.3]), np.array([1.0, 0.7]),
-    (henyey_greenstein(0.3, 2),), np.ones((2, 1)),
-)  # fmt: skip
+LAYERS = Medium(np.array([[-5.0, -5], [-5, 0]]), np.array([[5.0, 0], [5, 5]]), np.array([0.1, 0.3]),
+                np.array([1.0, 0.7]), (henyey_greenstein(0.3, 2),), np.ones((2, 1)))  # fmt: skip
 
 
 def test_a_path_and_its_reverse_have_one_balance_weight():

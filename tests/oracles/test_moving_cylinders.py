@@ -100,9 +100,8 @@ def transported(paths, seed, speed=1.0):
 @pytest.fixture(scope="module")
 def waves():
     """g1 of that box by waves and its standard error, float64[X, V]: four lights and a mirror, 32 batches."""
-    gas = CylinderGas.with_mean_free_path(
-        Cylinder.resonant(0.02, order=0), (-SIDE / 2, -SIDE / 2), (SIDE / 2, SIDE / 2), FREE
-    )
+    gas = CylinderGas.with_mean_free_path(Cylinder.resonant(0.02, order=0), (-SIDE / 2, -SIDE / 2),
+                                          (SIDE / 2, SIDE / 2), FREE)  # fmt: skip
     turns = np.arange(4) * np.pi / 2
     lights = PlaneLights(directions_of(turns))
     angles = np.concatenate([VIEWS, -VIEWS])
@@ -140,10 +139,8 @@ def test_a_box_of_optical_depth_two_by_random_walks(waves):
 
 def engine(speed=1.0, aside=(0.0,)):
     """The same box as a user would have it, whose particles move ``speed`` times faster; times are D k^2 tau."""
-    box = sg.Box(
-        lower=[-SIDE / 2] * 2, upper=[SIDE / 2] * 2, mean_free_path=FREE, scatterer=sg.Isotropic(),
-        motion=sg.Brownian(diffusion=speed / (2 * np.pi) ** 2),
-    )  # fmt: skip
+    box = sg.Box(lower=[-SIDE / 2] * 2, upper=[SIDE / 2] * 2, mean_free_path=FREE, scatterer=sg.Isotropic(),
+                 motion=sg.Brownian(diffusion=speed / (2 * np.pi) ** 2))  # fmt: skip
     beams = sg.CollimatedBeams(directions=[[0.0, 1.0]] * 4, width=3 * SIDE, times=[0.0, *LAGS])
     angles = np.stack([VIEWS, -VIEWS])[..., None] + np.array(aside)
     sensor = sg.FarField(directions=directions_of(angles.ravel()))
@@ -227,9 +224,8 @@ def test_light_scattered_once_turns_with_the_flow():
 
 def carried_waves():
     """g1 of the box of optical depth 2 under a shear, real and imaginary parts float64[2, X, V], and their errors."""
-    gas = CylinderGas.with_mean_free_path(
-        Cylinder.resonant(0.02, order=0), (-SIDE / 2, -SIDE / 2), (SIDE / 2, SIDE / 2), FREE
-    )
+    gas = CylinderGas.with_mean_free_path(Cylinder.resonant(0.02, order=0), (-SIDE / 2, -SIDE / 2),
+                                          (SIDE / 2, SIDE / 2), FREE)  # fmt: skip
     turns = np.array([0.0, np.pi])  # by which the flow is what it was
     angles = np.concatenate([VIEWS, -VIEWS])
 
@@ -239,10 +235,8 @@ def carried_waves():
 
     runs = []
     for n in range(32):
-        found = temporal_correlation(
-            gas, PlaneLights(directions_of(turns)), seen, SHEARED, placements=64, batches=32, seed=n,
-            flow=sheared(1.0, 1 / FREE),
-        )  # fmt: skip
+        found = temporal_correlation(gas, PlaneLights(directions_of(turns)), seen, SHEARED, placements=64, batches=32,
+                                     seed=n, flow=sheared(1.0, 1 / FREE))  # fmt: skip
         mirrored = np.array([1, -1] * 2)  # at -v the conjugate
         runs.append([found.field.mean(axis=-1), (found.imaginary * mirrored).mean(axis=-1)])
     return np.mean(runs, axis=0), np.std(runs, axis=0, ddof=1) / np.sqrt(len(runs))

@@ -41,9 +41,8 @@ def make_scene(side="transmission", *, g, optical_depth, albedo=0.9, base=0.0, o
 
 def transcribed(scene):
     """Every tilt with every view, tilt by tilt, of a box without sides."""
-    return box_algorithms.slab_setup(
-        scene.medium, wavelength=scene.wavelength, width=WIDTH, lights=scene.lights, views=scene.views
-    )
+    return box_algorithms.slab_setup(scene.medium, wavelength=scene.wavelength, width=WIDTH, lights=scene.lights,
+                                     views=scene.views)  # fmt: skip
 
 
 @cache

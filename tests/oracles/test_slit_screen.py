@@ -72,8 +72,7 @@ def test_wide_slit_is_two_half_planes():
         assert np.abs(found - expected).max() < tolerance  # measured 6.5e-4, .029
 
 
-@pytest.mark.parametrize(("slits", "match"), [
-    ([(1, 0)], "x0 < x1"), ([(0, 1), (1, 2)], "neither touch"), ([(0, np.nan)], "finite"), ([], "pairs"),
-])  # fmt: skip
+@pytest.mark.parametrize(("slits", "match"), [([(1, 0)], "x0 < x1"), ([(0, 1), (1, 2)], "neither touch"),
+                                              ([(0, np.nan)], "finite"), ([], "pairs")])  # fmt: skip
 def test_bad_slits_are_refused(slits, match):
     assert_refused(lambda: slit_screen(slits), match)

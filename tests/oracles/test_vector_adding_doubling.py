@@ -40,14 +40,13 @@ def test_it_is_the_printed_table_of_the_rayleigh_sky():
     assert abs(scalar.reflected[0, 0, 0, 0] - 0.44129802) > 0.005
 
 
-SPHERES = np.array([
-    [1.0, -0.32071711, 0.71206342, -0.01882245], [1.45529318, -0.20350675, 1.76014119, -0.04725108],
-    [1.05402631, 0.24638948, 1.06682431, 0.00894436], [0.39758994, 0.18605748, 0.39651104, 0.04505815],
-    [0.11659302, 0.07124848, 0.09576412, 0.00958275], [0.02387477, 0.01700757, 0.01765088, 0.00215761],
-    [0.00395010, 0.00302534, 0.00261549, 0.00029195], [0.00053888, 0.00043592, 0.00032713, 0.00003502],
-    [0.00006372, 0.00005326, 0.00003583, 0.00000337], [0.00000667, 0.00000572, 0.00000351, 0.00000029],
-    [0.00000063, 0.00000055, 0.00000031, 0.00000002], [0.00000006, 0.00000005, 0.00000003, 0.0],
-]).T  # fmt: skip
+SPHERES = np.array([[1.0, -0.32071711, 0.71206342, -0.01882245], [1.45529318, -0.20350675, 1.76014119, -0.04725108],
+                    [1.05402631, 0.24638948, 1.06682431, 0.00894436], [0.39758994, 0.18605748, 0.39651104, 0.04505815],
+                    [0.11659302, 0.07124848, 0.09576412, 0.00958275], [0.02387477, 0.01700757, 0.01765088, 0.00215761],
+                    [0.00395010, 0.00302534, 0.00261549, 0.00029195], [0.00053888, 0.00043592, 0.00032713, 0.00003502],
+                    [0.00006372, 0.00005326, 0.00003583, 0.00000337], [0.00000667, 0.00000572, 0.00000351, 0.00000029],
+                    [0.00000063, 0.00000055, 0.00000031, 0.00000002],
+                    [0.00000006, 0.00000005, 0.00000003, 0.0]]).T  # fmt: skip
 """Legendre series of F11, F12, F33, F34 of Mie spheres (radius .2 um, variance .07, index 1.44, at .951 um)."""
 # Of cosine, before the slab or behind it: I and Q at azimuth 0 less those at 180 degrees, |U| and |V| at 90.
 PRINTED = {
@@ -133,9 +132,8 @@ def test_a_slab_between_faces_of_no_step_is_the_slab_alone():
 def test_light_of_one_scattering_is_the_phase_matrix_turned():
     """Against frames found by hand: light at 60 degrees to the axis, seen 90 degrees of azimuth off."""
     depth, sine = 1e-6, np.sqrt(0.75)
-    found = vector_adding_doubling(
-        depth, mixed, incidence=0.5, views=[0.6], azimuths=[np.pi / 2], nodes=8, orders=24
-    ).transmitted[0, 0]  # fmt: skip
+    found = vector_adding_doubling(depth, mixed, incidence=0.5, views=[0.6], azimuths=[np.pi / 2], nodes=8,
+                                   orders=24).transmitted[0, 0]  # fmt: skip
     before, after = np.array([sine, 0, 0.5]), np.array([0, 0.8, 0.6])
     normal = np.cross(before, after)
     normal /= np.linalg.norm(normal)
@@ -170,9 +168,8 @@ def test_without_absorption_no_light_is_lost(matrix):
     """Of light of any polarisation, 50 degrees off the axis, at all cosines and azimuths together."""
     x, w = gauss_legendre(12)
     cosine, depth, incidence = (1 + x) / 2, 1.5, 0.64
-    found = vector_adding_doubling(
-        depth, matrix, incidence=incidence, views=cosine, azimuths=2 * np.pi * np.arange(5) / 5, nodes=20, orders=3
-    )  # fmt: skip
+    found = vector_adding_doubling(depth, matrix, incidence=incidence, views=cosine,
+                                   azimuths=2 * np.pi * np.arange(5) / 5, nodes=20, orders=3)  # fmt: skip
     radiance = (found.transmitted + found.reflected)[:, :, 0].mean(1)  # [view, Stokes vector of the beam]
     out = (w * cosine) @ radiance / incidence  # 2 pi mu dmu over [0, 1], of pi in
     # Gauss nodes do not follow light along the face: 1e-4 is what 12 of them leave out.

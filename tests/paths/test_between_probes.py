@@ -21,10 +21,8 @@ NARROW = {"vMF": sg.VonMisesFisher(316.0), "HG": sg.HenyeyGreenstein(0.97)}
 
 def scene_of(scatterer, half=0.2, tilts=(0.0,), medium=None):
     medium = medium or sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=scatterer)
-    return sg.Scene(
-        wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts(list(tilts), width=200.0),
-        sensor=sg.FarField.grid((161, 161), half / 80),
-    )  # fmt: skip
+    return sg.Scene(wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts(list(tilts), width=200.0),
+                    sensor=sg.FarField.grid((161, 161), half / 80))  # fmt: skip
 
 
 def light_at(tracer, bank):

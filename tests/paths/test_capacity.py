@@ -9,12 +9,10 @@ import specklegen as sg
 from specklegen.kernels import volume_walk
 from specklegen.paths.tracer import volume_tracer
 
-THICK = sg.Scene(
-    wavelength=1.0,
-    medium=sg.Slab(thickness=300.0, mean_free_path=10.0, scatterer=sg.HenyeyGreenstein(g=0.5)),
-    illumination=sg.PlaneWaves.tilts([0.0, 0.1], dimensions=3),
-    sensor=sg.NearField(points=np.array([[0.0, 0.0, 310.0], [5.0, 0.0, 310.0]])),
-)
+THICK = sg.Scene(wavelength=1.0,
+                 medium=sg.Slab(thickness=300.0, mean_free_path=10.0, scatterer=sg.HenyeyGreenstein(g=0.5)),
+                 illumination=sg.PlaneWaves.tilts([0.0, 0.1], dimensions=3),
+                 sensor=sg.NearField(points=np.array([[0.0, 0.0, 310.0], [5.0, 0.0, 310.0]])))  # fmt: skip
 
 
 def test_a_thick_medium_is_traced_once(monkeypatch):

@@ -50,10 +50,9 @@ def test_large_transforms_get_more_connections_at_a_time():
     counts = {}
     for views in (64, 800):
         grid = sg.FarField.grid(shape=(views, views), pitch=4e-6)
-        scene = sg.Scene(
-            wavelength=1.0, medium=sg.Slab(thickness=500.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g=0.8)),
-            illumination=sg.CollimatedBeams.tilts([0.0], width=1e5), sensor=grid,
-        )  # fmt: skip
+        scene = sg.Scene(wavelength=1.0,
+                         medium=sg.Slab(thickness=500.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g=0.8)),
+                         illumination=sg.CollimatedBeams.tilts([0.0], width=1e5), sensor=grid)  # fmt: skip
         counts[views] = sg.plan(scene, paths=1_000_000, sampler="paths").chosen.work.chunks.count
     assert counts[64] >= 2 * counts[800]
 
@@ -169,11 +168,10 @@ def test_many_small_blocks_of_many_jobs():
 
 # ---- Renders -------------------------------------------------------------------------------------------
 def slab_scene(**kwargs) -> sg.Scene:
-    return sg.Scene(
-        wavelength=1.0, medium=sg.Slab(thickness=200.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(g=0.6)),
-        illumination=sg.CollimatedBeams.tilts([0.0, 1e-4, 2e-4], width=2e4),
-        sensor=sg.FarField.grid(shape=(24, 25), pitch=1e-5), **kwargs,
-    )  # fmt: skip
+    return sg.Scene(wavelength=1.0,
+                    medium=sg.Slab(thickness=200.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(g=0.6)),
+                    illumination=sg.CollimatedBeams.tilts([0.0, 1e-4, 2e-4], width=2e4),
+                    sensor=sg.FarField.grid(shape=(24, 25), pitch=1e-5), **kwargs)  # fmt: skip
 
 
 def box_scene() -> sg.Scene:
@@ -188,9 +186,8 @@ def box_scene() -> sg.Scene:
 CASES = {
     "slab, NUFFT": (slab_scene(), {}),
     "slab, directly": (slab_scene().replace(sensor=sg.FarField(directions=[[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]])), {}),
-    "slab, reversed": (slab_scene(), {"reverse": True}),
-    "box": (box_scene(), {}),
-}
+    "slab, reversed": (slab_scene(), {"reverse": True}), "box": (box_scene(), {}),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -29,10 +29,8 @@ def box(albedo: float, optical_depth: float, dimensions: int = 3) -> sg.Box:
 
 
 def scene(medium: sg.Slab, sensor=None, side="transmission") -> sg.Scene:
-    return sg.Scene(
-        wavelength=0.5, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, 1e-5], width=5000.0),
-        sensor=sensor or sg.FarField.grid(shape=(6, 6), pitch=4e-5, side=side),
-    )  # fmt: skip
+    return sg.Scene(wavelength=0.5, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, 1e-5], width=5000.0),
+                    sensor=sensor or sg.FarField.grid(shape=(6, 6), pitch=4e-5, side=side))  # fmt: skip
 
 
 def unseen(made: sg.Scene) -> float:
@@ -49,10 +47,9 @@ def seen(medium, *views) -> sg.Scene:
 def layers(albedo: float, optical_depth: float) -> sg.Scene:
     """A thin layer that does not absorb before a deep one that does, of the same scatterers."""
     optical = np.repeat([0.5, 0.5, optical_depth / 2, optical_depth / 2], 4).reshape(4, 2, 2)
-    medium = sg.VoxelGrid(
-        lower=[-100, -100, 0], upper=[100, 100, 1000], extinction=optical / 250,
-        albedo=np.repeat([1.0, 1.0, albedo, albedo], 4).reshape(4, 2, 2), scatterers=(sg.Isotropic(),),
-    )  # fmt: skip
+    medium = sg.VoxelGrid(lower=[-100, -100, 0], upper=[100, 100, 1000], extinction=optical / 250,
+                          albedo=np.repeat([1.0, 1.0, albedo, albedo], 4).reshape(4, 2, 2),
+                          scatterers=(sg.Isotropic(),))  # fmt: skip
     return seen(medium, AHEAD)
 
 
@@ -131,20 +128,16 @@ def test_light_falls_by_the_decay_of_each_material_that_it_crosses():
     assert deep / 3 < unseen(whole) < 3 * deep
     assert unseen(layers(1.0, 40.0)) == 0
     many = np.linspace(0.8, 0.9, 400).reshape(100, 2, 2)
-    grid = sg.VoxelGrid(
-        lower=[-200, -200, 0], upper=[200, 200, 1000], extinction=np.full(many.shape, 0.04), albedo=many,
-        scatterers=(sg.Isotropic(),),
-    )  # fmt: skip
+    grid = sg.VoxelGrid(lower=[-200, -200, 0], upper=[200, 200, 1000], extinction=np.full(many.shape, 0.04),
+                        albedo=many, scatterers=(sg.Isotropic(),))  # fmt: skip
     assert unseen(whole) < unseen(seen(grid, AHEAD)) < unseen(seen(box(0.8, 40.0), AHEAD))
 
 
 def test_what_paths_see_is_answered():
     point = sg.NearField(points=[[0.0, 0.0, -10.0]])
-    lit = [
-        seen(box(0.9, 40.0), BACK), seen(box(0.9, 40.0), ASIDE),
-        seen(box(1.0, 40.0), AHEAD), seen(box(0.9, 3.0), AHEAD),
-        scene(slab(0.9, 40.0), point), scene(slab(0.5, 40.0), side="reflection"),
-    ]  # fmt: skip
+    lit = [seen(box(0.9, 40.0), BACK), seen(box(0.9, 40.0), ASIDE), seen(box(1.0, 40.0), AHEAD),
+           seen(box(0.9, 3.0), AHEAD), scene(slab(0.9, 40.0), point),
+           scene(slab(0.5, 40.0), side="reflection")]  # fmt: skip
     assert [unseen(made) for made in lit] == [0.0] * len(lit)
     assert [relative_variance(slab(*of)) for of in ((1.0, 300.0), (0.9, 3.0), (0.0, 99.0))] == [0, 0, 0]
     assert sg.plan(scene(slab(0.5, 40.0), side="reflection"), paths=1000).paths == 1000
@@ -196,9 +189,8 @@ def test_views_that_are_lit_alike_are_not():
 
 
 def test_memory_effect_names_what_serves_a_box():
-    box = sg.Box(
-        lower=np.zeros(3), upper=np.array([10.0, 10.0, 1000.0]), mean_free_path=100.0, scatterer=sg.Isotropic()
-    )
+    box = sg.Box(lower=np.zeros(3), upper=np.array([10.0, 10.0, 1000.0]), mean_free_path=100.0,
+                 scatterer=sg.Isotropic())  # fmt: skip
     grid = sg.VoxelGrid(lower=box.lower, upper=box.upper, extinction=np.ones((2, 2, 2)), scatterers=(sg.Isotropic(),))
     for medium in (box, grid, scene(slab(1.0, 1.0))):
         with pytest.raises(RuleError, match="must be a Slab or Layers, which.*covariance.*render"):

@@ -30,10 +30,9 @@ L = 1000.0
 
 
 def slab(optical_depth=10.0, g=0.0, index=1.5, albedo=1.0, thickness=L, **faces):
-    return sg.Slab(
-        thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo,
-        scatterer=sg.HenyeyGreenstein(g=g) if g else sg.Isotropic(), faces=sg.Faces(inside=index, **faces),
-    )  # fmt: skip
+    return sg.Slab(thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo,
+                   scatterer=sg.HenyeyGreenstein(g=g) if g else sg.Isotropic(),
+                   faces=sg.Faces(inside=index, **faces))  # fmt: skip
 
 
 def direction(x, z=1.0, y=0.0):
@@ -337,10 +336,8 @@ def test_the_backscattering_cone(index, peak, half):
 def test_paths_weighed_both_ways_are_as_bright():
     """The balance heuristic over both ways, as intensities, against paths drawn one way."""
     medium, view = slab(1.0, 0.5, 1.5), direction(0.2, -1.0)
-    tracer = SlabTracer(
-        plane_layout(medium, 1.0, AXIS[None], view[None]), medium,
-        plane_proposal(medium, AXIS, view[None], bidirectional=True),
-    )  # fmt: skip
+    tracer = SlabTracer(plane_layout(medium, 1.0, AXIS[None], view[None]), medium,
+                        plane_proposal(medium, AXIS, view[None], bidirectional=True))  # fmt: skip
     bank = tracer.trace(9, 20_000)
     rest = np.square(np.abs(multiple_amplitudes(tracer.layout, bank.multiple, bidirectional=True, reverse=False)))
     values = np.concatenate([contributions(tracer.layout, bank.single), rest[0]])

@@ -44,16 +44,14 @@ def test_overlaps_have_their_limits():
 
 # C_I on the axis by specklegen.oracles.multi_slice and its standard error, of 4 or 5 realizations (12 at g .99): pitch
 # 0.4, size 1280 (g .997) or 1024, and the reach below; the slow test runs them anew.
-SLICES = {
-    ("HG", 0.997, 20.0, 25): ([1, 2, 3], 512.0, [0.9919, 0.9690, 0.9341], [0.0003, 0.0006, 0.0012]),
-    ("vMF", 0.997, 20.0, 25): ([1, 2, 3], 512.0, [0.7964, 0.4087, 0.1420], [0.0020, 0.0038, 0.0030]),
-    ("HG", 0.98, 20.0, 5): ([2, 4, 8], 409.6, [0.9984, 0.9938, 0.9768], [0.0001, 0.0001, 0.0003]),
-    ("vMF", 0.98, 20.0, 5): ([2, 4, 8], 409.6, [0.9549, 0.8348, 0.5272], [0.0012, 0.0054, 0.0164]),
-    ("HG", 0.985, 50.0, 6): ([1, 2, 4], 409.6, [0.9969, 0.9880, 0.9564], [0.0003, 0.0010, 0.0031]),
-    ("vMF", 0.985, 50.0, 6): ([1, 2, 4], 409.6, [0.8906, 0.6461, 0.2517], [0.0046, 0.0126, 0.0143]),
-    ("HG", 0.99, 100.0, 8): ([1, 2, 3], 409.6, [0.9788, 0.9249, 0.8517], [0.0005, 0.0018, 0.0035]),
-    ("vMF", 0.99, 100.0, 8): ([1, 2, 3], 409.6, [0.4780, 0.1044, 0.0423], [0.0121, 0.0127, 0.0045]),
-}
+SLICES = {("HG", 0.997, 20.0, 25): ([1, 2, 3], 512.0, [0.9919, 0.9690, 0.9341], [0.0003, 0.0006, 0.0012]),
+          ("vMF", 0.997, 20.0, 25): ([1, 2, 3], 512.0, [0.7964, 0.4087, 0.1420], [0.0020, 0.0038, 0.0030]),
+          ("HG", 0.98, 20.0, 5): ([2, 4, 8], 409.6, [0.9984, 0.9938, 0.9768], [0.0001, 0.0001, 0.0003]),
+          ("vMF", 0.98, 20.0, 5): ([2, 4, 8], 409.6, [0.9549, 0.8348, 0.5272], [0.0012, 0.0054, 0.0164]),
+          ("HG", 0.985, 50.0, 6): ([1, 2, 4], 409.6, [0.9969, 0.9880, 0.9564], [0.0003, 0.0010, 0.0031]),
+          ("vMF", 0.985, 50.0, 6): ([1, 2, 4], 409.6, [0.8906, 0.6461, 0.2517], [0.0046, 0.0126, 0.0143]),
+          ("HG", 0.99, 100.0, 8): ([1, 2, 3], 409.6, [0.9788, 0.9249, 0.8517], [0.0005, 0.0018, 0.0035]),
+          ("vMF", 0.99, 100.0, 8): ([1, 2, 3], 409.6, [0.4780, 0.1044, 0.0423], [0.0121, 0.0127, 0.0045])}  # fmt: skip
 AGREED = 0.015  # of C_I: what lost wide angles cost the slices at up to a fifth of a transport length
 
 
@@ -79,10 +77,8 @@ def test_the_slices_of_the_table(case, row):
     kind, g, mean_free_path, optical_depth = case
     bins, side, expected, error = row
     reach = {0.997: 0.02 if kind == "HG" else 0.05, 0.98: 0.02, 0.985: 0.015, 0.99: 0.012}[g]
-    found = multi_slice(
-        slab(g, mean_free_path, optical_depth, kind), wavelength=WAVELENGTH, pitch=0.4, size=round(side / 0.4),
-        bins=bins, realizations=4, seed=1, reach=reach,
-    )  # fmt: skip
+    found = multi_slice(slab(g, mean_free_path, optical_depth, kind), wavelength=WAVELENGTH, pitch=0.4,
+                        size=round(side / 0.4), bins=bins, realizations=4, seed=1, reach=reach)  # fmt: skip
     # Of few realizations each of some hundred grains: 3 of the table's errors, and 1 / grains of bias.
     assert_z(found.on_axis.mean(axis=0), expected, 3 * np.array(error), degrees=3, slack=0.01)
 
@@ -91,9 +87,8 @@ def test_endpoint_factors_would_lose_it(monkeypatch):
     """The power of the tests above: with lobes looked up along fixed directions the first row is 0.4 too low."""
     monkeypatch.setattr(far_field, "FAR", 0.0)
     bins, side, expected, error = SLICES["HG", 0.997, 20.0, 25]
-    found = sg.memory_effect(
-        slab(0.997, 20.0, 25), wavelength=WAVELENGTH, tilts=np.arcsin(np.array(bins) * WAVELENGTH / side), paths=20_000
-    )
+    found = sg.memory_effect(slab(0.997, 20.0, 25), wavelength=WAVELENGTH,
+                             tilts=np.arcsin(np.array(bins) * WAVELENGTH / side), paths=20_000)  # fmt: skip
     assert not found.near_field
     assert found.intensity[-1] < expected[-1] - 0.35
     refute_z(found.intensity, expected, np.hypot(found.standard_error, error), slack=AGREED)
@@ -111,10 +106,9 @@ def test_a_gaussian_lobe_follows_its_closed_form():
 # ---- Who is told ----------------------------------------------------------------------------------------
 def scene(medium, tilt, width=20000.0):
     directions = [[0, 0, 1], [np.sin(tilt), 0, np.cos(tilt)]]
-    return sg.Scene(
-        wavelength=WAVELENGTH, medium=medium, illumination=sg.CollimatedBeams(directions=directions, width=width),
-        sensor=sg.FarFieldGrid(shape=(16, 16), pitch=WAVELENGTH / width / 2.5),
-    )  # fmt: skip
+    return sg.Scene(wavelength=WAVELENGTH, medium=medium,
+                    illumination=sg.CollimatedBeams(directions=directions, width=width),
+                    sensor=sg.FarFieldGrid(shape=(16, 16), pitch=WAVELENGTH / width / 2.5))  # fmt: skip
 
 
 def test_tilts_that_are_small_or_far_are_as_before():

@@ -12,10 +12,9 @@ SLAB = sg.Scene(
     wavelength=0.5, medium=sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(g=0.8)),
     illumination=sg.CollimatedBeams.tilts([0.0], width=5000.0), sensor=sg.FarField(directions=[[0.0, 0.0, 1.0]]),
 )  # fmt: skip
-BOX = sg.Scene(
-    wavelength=1.0, medium=sg.Box(lower=[-5.0, -5.0], upper=[5.0, 5.0], mean_free_path=5.0, scatterer=sg.Isotropic()),
-    illumination=sg.PlaneWaves.tilts([0.0], dimensions=2), sensor=sg.FarField.angles([1.0]),
-)  # fmt: skip
+BOX = sg.Scene(wavelength=1.0,
+               medium=sg.Box(lower=[-5.0, -5.0], upper=[5.0, 5.0], mean_free_path=5.0, scatterer=sg.Isotropic()),
+               illumination=sg.PlaneWaves.tilts([0.0], dimensions=2), sensor=sg.FarField.angles([1.0]))  # fmt: skip
 
 
 @pytest.mark.slow
@@ -54,10 +53,8 @@ def test_explain_says_whether_the_paths_are_enough():
 def test_errors_within_an_image_count_what_connections_of_one_path_share():
     """At no distance between two views is the excess larger than stated; next to each other it is nearly that."""
     medium = sg.Slab(thickness=100.0, mean_free_path=10.0, scatterer=sg.Isotropic())
-    scene = sg.Scene(
-        wavelength=0.5, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0], width=1e4),
-        sensor=sg.FarField.grid(shape=(4, 4), pitch=1e-5),
-    )  # fmt: skip
+    scene = sg.Scene(wavelength=0.5, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0], width=1e4),
+                     sensor=sg.FarField.grid(shape=(4, 4), pitch=1e-5))  # fmt: skip
     made = sg.plan(scene, paths=1000, sampler="paths")
     beside, near, apart = (finite_path_excess(scene, 1000, shift=shift) for shift in (0.0, 1e-5, 0.3))
     # 6000 pilot paths know a variance to some 5 %; (E w)^2, which the sharper bound takes off, is left in.

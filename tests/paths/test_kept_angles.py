@@ -53,11 +53,10 @@ def directions(sines):
 def seen(scatterer, thickness, mean_free_path, tilts, first=(0, 0), way=(1, 0), beside=(0, 0)):
     """Tilted beams, each seen at one view, which moves with it."""
     sines = np.array(first, float) + np.outer(tilts, way)
-    return sg.Scene(
-        wavelength=1.0, medium=sg.Slab(thickness=thickness, mean_free_path=mean_free_path, scatterer=scatterer),
-        illumination=sg.CollimatedBeams(directions=directions(sines), width=WIDTH),
-        sensor=sg.FarField(directions=directions(sines + beside)),
-    )  # fmt: skip
+    return sg.Scene(wavelength=1.0,
+                    medium=sg.Slab(thickness=thickness, mean_free_path=mean_free_path, scatterer=scatterer),
+                    illumination=sg.CollimatedBeams(directions=directions(sines), width=WIDTH),
+                    sensor=sg.FarField(directions=directions(sines + beside)))  # fmt: skip
 
 
 def tracer_of(scene, **layout):
@@ -162,9 +161,8 @@ def test_what_a_tilt_adds_between_the_ends_matters(monkeypatch):
 def test_the_slices_of_wide_tilts():
     scatterer, thickness, mean_free_path, _, _, expected = WAVES["HG .98 wide"]
     medium = sg.Slab(thickness=thickness, mean_free_path=mean_free_path, scatterer=scatterer)
-    slices = multi_slice(
-        medium, wavelength=1.0, pitch=0.4, size=1024, bins=[10, 20, 40], realizations=8, seed=1, reach=0.01
-    )
+    slices = multi_slice(medium, wavelength=1.0, pitch=0.4, size=1024, bins=[10, 20, 40], realizations=8, seed=1,
+                         reach=0.01)  # fmt: skip
     grains = 52  # of independent views within reach as many add 1 / N to |K|^2
     assert_mean((slices.on_axis - 1 / grains) / (1 - 1 / grains), np.array(expected), slack=0.005)
 
@@ -203,11 +201,10 @@ def scene():
     scatterer, thickness, mean_free_path, tilts, _, _ = WAVES["HG .99"]
     sines = np.outer([0.0, *tilts], [1.0, 0.0])
     shape = (SIDE, SIDE + round(tilts[-1] / PITCH))
-    return sg.Scene(
-        wavelength=1.0, medium=sg.Slab(thickness=thickness, mean_free_path=mean_free_path, scatterer=scatterer),
-        illumination=sg.CollimatedBeams(directions=directions(sines), width=WIDTH),
-        sensor=sg.FarField.grid(shape, PITCH, center=(tilts[-1] / 2, 0.0)),
-    )  # fmt: skip
+    return sg.Scene(wavelength=1.0,
+                    medium=sg.Slab(thickness=thickness, mean_free_path=mean_free_path, scatterer=scatterer),
+                    illumination=sg.CollimatedBeams(directions=directions(sines), width=WIDTH),
+                    sensor=sg.FarField.grid(shape, PITCH, center=(tilts[-1] / 2, 0.0)))  # fmt: skip
 
 
 @pytest.mark.parametrize("sampler", ["auto", "paths"])
@@ -321,9 +318,7 @@ def test_lights_that_keep_their_angles_need_neither_paths_nor_views(views):
     """A slab of thickness 0, whose light is reflected alone, and a sensor that looks nowhere."""
     thin = sg.Slab(thickness=0.0, mean_free_path=1.0, scatterer=sg.HenyeyGreenstein(g=-0.99),
                    faces=sg.Faces(inside=2.0, outside=1.0, wall=0.5))  # fmt: skip
-    scene = sg.Scene(
-        wavelength=1.0, medium=thin, illumination=sg.CollimatedBeams.tilts([0.1, 0.2], width=1.0),
-        sensor=sg.FarField(directions=np.array([[0.0, 0.0, 1.0]])[:views]),
-    )  # fmt: skip
+    scene = sg.Scene(wavelength=1.0, medium=thin, illumination=sg.CollimatedBeams.tilts([0.1, 0.2], width=1.0),
+                     sensor=sg.FarField(directions=np.array([[0.0, 0.0, 1.0]])[:views]))  # fmt: skip
     assert sg.render(scene, paths=16, sampler="paths").field.tolist() == [[0j] * views] * 2
     assert sg.covariance(scene, paths=16).value.shape == (2, views, 2, views)

@@ -21,9 +21,8 @@ AXIS = np.array([0.0, 0.0, 1.0])
 UPPER = sg.Layer(thickness=1.0, mean_free_path=0.5, scatterer=sg.HenyeyGreenstein(0.6), index=1.5)
 LOWER = sg.Layer(thickness=1.0, mean_free_path=0.4, albedo=0.95, scatterer=sg.Isotropic(), index=1.2)
 TWO = sg.Layers([UPPER, LOWER])
-SLAB = sg.Slab(
-    thickness=2.0, mean_free_path=0.5, albedo=0.95, scatterer=sg.HenyeyGreenstein(0.6), faces=sg.Faces(inside=1.5)
-)
+SLAB = sg.Slab(thickness=2.0, mean_free_path=0.5, albedo=0.95, scatterer=sg.HenyeyGreenstein(0.6),
+               faces=sg.Faces(inside=1.5))  # fmt: skip
 
 
 def described(medium: sg.Layers) -> list[tuple[float, ...]]:
@@ -171,9 +170,8 @@ def test_the_memory_effect_is_that_of_a_literal_walk(medium):
     sums = walk_layers(described(medium), paths=64 * 1000, seed=16).sums(q)
     literal, spread = correlation(sums)
     wavelength = 0.005
-    curve = sg.memory_effect(
-        medium, wavelength=wavelength, tilts=np.arcsin(q * wavelength / (2 * np.pi)), paths=64 * 1000, threads=1
-    )
+    curve = sg.memory_effect(medium, wavelength=wavelength, tilts=np.arcsin(q * wavelength / (2 * np.pi)),
+                             paths=64 * 1000, threads=1)  # fmt: skip
     error = np.hypot(spread, curve.standard_error / (2 * np.abs(curve.field)))
     assert_z(curve.field.real, literal, error, degrees=BATCHES - 1)
     light = axial_light(medium, 64 * 1000, 17)

@@ -96,9 +96,8 @@ def test_the_memory_effect_is_that_of_a_literal_walk():
     q = np.array([0.02, 0.05, 0.1])
     table = [(lay.thickness, lay.mean_free_path, lay.albedo, lay.scatterer.g, 1.0) for lay in CLEAR]
     sums = walk_layers(table, paths=64 * 2000, seed=5).sums(q)
-    curve = sg.memory_effect(
-        sg.Layers(CLEAR), wavelength=1.0, tilts=np.arcsin(q / (2 * np.pi)), paths=64 * 2000, threads=1
-    )
+    curve = sg.memory_effect(sg.Layers(CLEAR), wavelength=1.0, tilts=np.arcsin(q / (2 * np.pi)), paths=64 * 2000,
+                             threads=1)  # fmt: skip
     # Jackknife of the ratio of both sums.
     without = (sums.sum(axis=0) - sums)[:, 1:] / (sums.sum(axis=0) - sums)[:, :1]
     literal = BATCHES * (sums[:, 1:].sum(axis=0) / sums[:, 0].sum()) - (BATCHES - 1) * without.mean(axis=0)

@@ -19,9 +19,8 @@ AXIS = np.array([0.0, 0.0, 1.0])
 UPPER = sg.Layer(thickness=1.0, mean_free_path=0.5, scatterer=sg.HenyeyGreenstein(0.6), index=1.5)
 LOWER = sg.Layer(thickness=1.0, mean_free_path=0.4, albedo=0.95, scatterer=sg.Isotropic(), index=1.2)
 TWO = sg.Layers([UPPER, LOWER])
-SLAB = sg.Slab(
-    thickness=2.0, mean_free_path=0.5, albedo=0.95, scatterer=sg.HenyeyGreenstein(0.6), faces=sg.Faces(inside=1.5)
-)
+SLAB = sg.Slab(thickness=2.0, mean_free_path=0.5, albedo=0.95, scatterer=sg.HenyeyGreenstein(0.6),
+               faces=sg.Faces(inside=1.5))  # fmt: skip
 CLEAR = sg.Layer(thickness=1.0, mean_free_path=1e9, scatterer=sg.Isotropic(), index=1.0)
 INSIDE = sg.Layer(thickness=2.0, mean_free_path=0.5, albedo=0.95, scatterer=SLAB.scatterer, index=1.5)
 BETWEEN = sg.Layers([CLEAR, INSIDE, CLEAR])

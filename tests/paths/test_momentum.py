@@ -21,15 +21,12 @@ LAYERS = sg.Layers(layers=[
     sg.Layer(thickness=20.0, mean_free_path=10.0, scatterer=LOBE, motion=sg.Brownian(diffusion=0.25)),
     sg.Layer(thickness=20.0, mean_free_path=5.0, scatterer=sg.Isotropic(), motion=FLUID),
 ])  # fmt: skip
-GRID = sg.VoxelGrid(
-    lower=[-30, -30, 0], upper=[30, 30, 40], extinction=np.full((2, 2, 2), 0.1), albedo=0.9,
-    material=[[[0, 1], [2, 0]], [[1, 1], [0, 2]]], scatterers=[LOBE, sg.Isotropic(), LOBE],
-    motion=(None, FLUID, sg.Brownian(diffusion=0.5)),
-)  # fmt: skip
-MEDIA = {
-    "henyey": SLAB, "table": SLAB.replace(scatterer=sg.VonMisesFisher(8.0)), "types": SLAB.replace(scatterer=MIXTURE),
-    "stretched": SLAB.replace(thickness=120.0, albedo=0.8), "layers": LAYERS, "voxels": GRID,
-}  # fmt: skip
+GRID = sg.VoxelGrid(lower=[-30, -30, 0], upper=[30, 30, 40], extinction=np.full((2, 2, 2), 0.1), albedo=0.9,
+                    material=[[[0, 1], [2, 0]], [[1, 1], [0, 2]]], scatterers=[LOBE, sg.Isotropic(), LOBE],
+                    motion=(None, FLUID, sg.Brownian(diffusion=0.5)))  # fmt: skip
+MEDIA = {"henyey": SLAB, "table": SLAB.replace(scatterer=sg.VonMisesFisher(8.0)),
+         "types": SLAB.replace(scatterer=MIXTURE), "stretched": SLAB.replace(thickness=120.0, albedo=0.8),
+         "layers": LAYERS, "voxels": GRID}  # fmt: skip
 
 
 def bank_of(medium, transfer, paths=4000):

@@ -23,9 +23,8 @@ def scene(scatterer, aperture, focus, free=20.0, faces=None, pupil=None, tilt=0.
     medium = sg.Slab(thickness=40.0, mean_free_path=free, scatterer=scatterer, faces=faces)
     camera = sg.Imaging(shape=(3, 3), pitch=1 / (4 * aperture), aperture=aperture, focus=focus,
                         pupil=pupil or sg.Pupil(), side=side)  # fmt: skip
-    return sg.Scene(
-        wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts([tilt], width=20.0), sensor=camera
-    )
+    return sg.Scene(wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts([tilt], width=20.0),
+                    sensor=camera)  # fmt: skip
 
 
 def sums(seen, paths):
@@ -87,9 +86,8 @@ def test_a_plan_states_the_error_of_an_image_by_its_pixels():
     assert made.pixel == lit_plane(seen).moments
 
 
-@pytest.mark.parametrize(("faces", "pupil"), [
-    (sg.Faces(), sg.Pupil()), (sg.Faces(inside=1.3), sg.Pupil()), (sg.Faces(), sg.Pupil(zernike=[0, 0, 0, 0.3])),
-])  # fmt: skip
+@pytest.mark.parametrize(("faces", "pupil"), [(sg.Faces(), sg.Pupil()), (sg.Faces(inside=1.3), sg.Pupil()),
+                                              (sg.Faces(), sg.Pupil(zernike=[0, 0, 0, 0.3]))])  # fmt: skip
 def test_areas_of_images_are_those_on_the_plane_in_focus(faces, pupil):
     """(int |h|^2)^2 / int |h|^4 of images that the lens itself makes, pixel by pixel; 65 views across lose 1.5 %."""
     seen = scene(sg.HenyeyGreenstein(0.9), 0.3, -15.0, faces=faces, pupil=pupil)

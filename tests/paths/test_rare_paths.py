@@ -21,10 +21,8 @@ def slab(depth: float, g: float, albedo: float = 1.0) -> sg.Slab:
 
 
 def ahead(medium: sg.Slab, wavelength: float = 0.02) -> sg.Scene:
-    return sg.Scene(
-        wavelength=wavelength, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0], width=1000.0),
-        sensor=sg.FarField(directions=[[0.0, 0.0, 1.0]]),
-    )  # fmt: skip
+    return sg.Scene(wavelength=wavelength, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0], width=1000.0),
+                    sensor=sg.FarField(directions=[[0.0, 0.0, 1.0]]))  # fmt: skip
 
 
 def test_variances_that_rest_on_rare_paths_are_not_low_more_often_than_high():
@@ -97,9 +95,8 @@ def test_errors_planned_behind_deep_forward_slabs_are_those_found(depth, albedo)
         bank = pilots[0].tracer.trace(11, 2**14, first=2**14 * n)
         found = np.bincount(bank.paths - 2**14 * n, contributions(layout, bank), 2**14)
         batches.append([found.sum(), np.square(found).sum(), 2**14])
-    true, error = statistics.jackknife(
-        np.array(batches), lambda total: np.sqrt(total[1] * total[2] / total[0] ** 2 - 1)
-    )
+    true, error = statistics.jackknife(np.array(batches),
+                                       lambda total: np.sqrt(total[1] * total[2] / total[0] ** 2 - 1))  # fmt: skip
     ratio = np.median(stated) / true
     noise = np.hypot(error / true, 1.25 * np.std(stated / true) / np.sqrt(len(stated)))  # of a median
     assert ratio > 0.8 + noise, (ratio, noise)

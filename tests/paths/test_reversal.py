@@ -100,8 +100,6 @@ def test_nothing_is_reversed_behind_refracting_faces():
     """Within 0.6 wavelengths of free path the bound of an unlimited medium is above any tolerance, also behind it."""
     slab = sg.Slab(thickness=3.0, mean_free_path=0.6, scatterer=sg.Isotropic(), faces=sg.Faces(inside=1.33))
     lights = sg.CollimatedBeams.tilts([0.0, 0.3], width=100.0)
-    scene = sg.Scene(
-        wavelength=1.0, medium=slab, illumination=lights, sensor=sg.FarField.grid((8, 8), pitch=0.003)
-    )  # fmt: skip
+    scene = sg.Scene(wavelength=1.0, medium=slab, illumination=lights, sensor=sg.FarField.grid((8, 8), pitch=0.003))
     assert not scene_reversal(scene, "auto", 1e-9).needed
     assert scene_reversal(scene.replace(sensor=scene.sensor.replace(side="reflection")), "auto", 0.02).needed

@@ -60,9 +60,8 @@ def test_equal_connections_are_all_kept(light):
         assert found <= light or light == 0
 
 
-HEAVY = sg.Box(
-    lower=[-50.0, -50.0, 0.0], upper=[50.0, 50.0, 100.0], mean_free_path=10.0, scatterer=sg.HenyeyGreenstein(0.9)
-)
+HEAVY = sg.Box(lower=[-50.0, -50.0, 0.0], upper=[50.0, 50.0, 100.0], mean_free_path=10.0,
+               scatterer=sg.HenyeyGreenstein(0.9))  # fmt: skip
 
 
 def test_the_threshold_hardly_depends_on_the_seed_of_the_pilot():
@@ -101,10 +100,8 @@ def test_thinning_adds_little_to_the_variance_of_a_path(depth, g):
 
 def test_single_scattering_of_forward_layers_is_judged_by_its_lobe():
     """As if it were isotropic, it carried most of the variance within this camera."""
-    layers = (
-        sg.Layer(thickness=20.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.8)),
-        sg.Layer(thickness=60.0, mean_free_path=15.0, scatterer=sg.HenyeyGreenstein(0.9)),
-    )
+    layers = (sg.Layer(thickness=20.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.8)),
+              sg.Layer(thickness=60.0, mean_free_path=15.0, scatterer=sg.HenyeyGreenstein(0.9)))  # fmt: skip
     seen = scene(sg.Layers(layers=layers)).replace(sensor=sg.FarField.grid((41, 41), 0.01))
     tracer, views = slab_tracer(seen, False), np.array([0, 840, 846, 866, 1200])
 

@@ -250,9 +250,8 @@ def test_double_scattering_of_a_thin_slab(optical_depth):
     expected = double_to_single(optical_depth)
     error = expected / np.sqrt(bank.count * expected)
     # 0.92 is 3/2 - Euler's gamma = 0.9228 rounded; the next order is OD times the logarithm.
-    assert_z(
-        power[double].sum() / bank.count / optical_depth, expected, error, slack=(2 * optical_depth + 4e-4) * expected
-    )
+    assert_z(power[double].sum() / bank.count / optical_depth, expected, error,
+             slack=(2 * optical_depth + 4e-4) * expected)  # fmt: skip
 
 
 # ---- First vertices ------------------------------------------------------------------------------------
@@ -355,9 +354,8 @@ def test_path_length_is_the_sum_of_flights():
     assert (bank.length >= straight * (1 - 1e-9)).all()
     third = bank.orders > 2
     assert (bank.length[third] > straight[third]).all()
-    np.testing.assert_allclose(
-        bank.exit[two] - bank.entry[two], bank.length[two, None] * bank.entry_direction[two], atol=1e-9
-    )
+    np.testing.assert_allclose(bank.exit[two] - bank.entry[two], bank.length[two, None] * bank.entry_direction[two],
+                               atol=1e-9)  # fmt: skip
 
 
 def test_reversing_twice_is_the_identity():

@@ -22,23 +22,18 @@ def test_single_scattering_is_equation_41():
     rng = np.random.default_rng(1)
     v = rng.normal(size=(4, 20, 3))
     i1, i2, v1, v2 = v / np.linalg.norm(v, axis=2, keepdims=True)
-    medium = sg.Box(
-        lower=[-1.0, -0.8, -1.2], upper=[1.0, 0.9, 1.1], mean_free_path=1.5, albedo=0.9,
-        scatterer=sg.HenyeyGreenstein(g=0.3),
-    )  # fmt: skip
-    scene = sg.Scene(
-        wavelength=1.0, medium=medium, illumination=sg.PlaneWaves(directions=np.concatenate([i1, i2])),
-        sensor=sg.FarField(directions=np.concatenate([v1, v2])),
-    )  # fmt: skip
+    medium = sg.Box(lower=[-1.0, -0.8, -1.2], upper=[1.0, 0.9, 1.1], mean_free_path=1.5, albedo=0.9,
+                    scatterer=sg.HenyeyGreenstein(g=0.3))  # fmt: skip
+    scene = sg.Scene(wavelength=1.0, medium=medium, illumination=sg.PlaneWaves(directions=np.concatenate([i1, i2])),
+                     sensor=sg.FarField(directions=np.concatenate([v1, v2])))  # fmt: skip
     n = np.arange(20)
     pairs = np.stack([n, n, 20 + n, 20 + n], axis=1)
     runs = np.array(
         [sg.covariance(scene, paths=200, seed=(2, b), pairs=pairs, threads=1).single for b in range(BATCHES)]
     )
-    truth = box_covariance(
-        medium.lower, medium.upper, extinction=1 / 1.5, albedo=0.9, wavelength=1.0,
-        amplitude=lambda cos: medium.scatterer.amplitude(cos, 3), lights=(i1, i2), views=(v1, v2),
-    )  # fmt: skip
+    truth = box_covariance(medium.lower, medium.upper, extinction=1 / 1.5, albedo=0.9, wavelength=1.0,
+                           amplitude=lambda cos: medium.scatterer.amplitude(cos, 3), lights=(i1, i2),
+                           views=(v1, v2))  # fmt: skip
     assert_mean(np.concatenate([runs.real, runs.imag], axis=1), np.concatenate([truth.real, truth.imag]))
     refute_mean(np.concatenate([runs.real, -runs.imag], axis=1), np.concatenate([truth.real, truth.imag]))
 
@@ -77,10 +72,8 @@ def test_a_sensor_that_almost_touches_a_face(height):
 @pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])
 def test_a_beam_much_wider_than_a_medium_is_a_plane_wave(dense, profile):
     """The same paths: of rays over all the beam one in 1e12 would meet it, and no light was seen of dense parts."""
-    medium = sg.VoxelGrid(
-        lower=[-0.5] * 3, upper=[0.5] * 3, extinction=[[[1.0, 1.0]], [[dense, 1.0]]], albedo=0.5,
-        scatterers=(ISOTROPIC,),
-    )  # fmt: skip
+    medium = sg.VoxelGrid(lower=[-0.5] * 3, upper=[0.5] * 3, extinction=[[[1.0, 1.0]], [[dense, 1.0]]], albedo=0.5,
+                          scatterers=(ISOTROPIC,))  # fmt: skip
     beam, plane = (
         sg.Scene(
             wavelength=1.0, medium=medium, illumination=light,
@@ -118,10 +111,9 @@ POINTS = {"centre": (0.0, 0.0, 0.0), "face": (0.0, 0.0, 5.0), "edge": (5.0, 5.0,
 @pytest.mark.parametrize("where", POINTS)
 def test_near_sensors_have_a_finite_variance(where):
     """Standard error falls like 1 / sqrt(N) over a factor of 16: an infinite variance would fall slower, by jumps."""
-    scene = sg.Scene(
-        wavelength=1.0, medium=sg.Box(lower=[-5] * 3, upper=[5] * 3, mean_free_path=5.0, scatterer=ISOTROPIC),
-        illumination=sg.PlaneWaves.tilts([0.0]), sensor=sg.NearField(points=[POINTS[where]]),
-    )  # fmt: skip
+    scene = sg.Scene(wavelength=1.0,
+                     medium=sg.Box(lower=[-5] * 3, upper=[5] * 3, mean_free_path=5.0, scatterer=ISOTROPIC),
+                     illumination=sg.PlaneWaves.tilts([0.0]), sensor=sg.NearField(points=[POINTS[where]]))  # fmt: skip
     few, many = (intensities(engine_batches(scene, n, reverse=False, seed=n))[:, 0] for n in (40, 640))
     assert_z(few.mean(), many.mean(), np.sqrt((few.var(ddof=1) + many.var(ddof=1)) / BATCHES), degrees=BATCHES - 1)
     # Ratio of standard deviations 4, known from 64 batches each to 12 % (one sigma).

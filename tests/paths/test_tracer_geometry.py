@@ -108,9 +108,8 @@ def test_the_test_has_power():
 def test_beams_through_a_slab_against_the_literal_algorithms(dimension, reverse):
     """First vertices of the oracle in the box that holds both footprints: it is exact for reversed paths too."""
     scene, setup = both(dimension, 0.6, "beam", "far", slab=True)
-    assert_same(
-        engine_batches(scene, 200, reverse=reverse, seed=11), oracle_batches(setup, 300, reverse=reverse, seed=12)
-    )
+    assert_same(engine_batches(scene, 200, reverse=reverse, seed=11),
+                oracle_batches(setup, 300, reverse=reverse, seed=12))  # fmt: skip
 
 
 @pytest.mark.parametrize("profile", ["square", "disc", "gaussian"])

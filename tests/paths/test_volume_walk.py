@@ -30,10 +30,8 @@ def voxels(scatterer):
 def tracer_of(medium, reverse=False):
     angles = np.array([0.0, 0.3, 0.9, 1.8, 2.6])
     directions = np.stack([np.sin(angles), np.zeros(5), np.cos(angles)], axis=-1)
-    scene = sg.Scene(
-        wavelength=0.5, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, 0.1], width=6.0),
-        sensor=sg.FarField(directions=directions),
-    )  # fmt: skip
+    scene = sg.Scene(wavelength=0.5, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, 0.1], width=6.0),
+                     sensor=sg.FarField(directions=directions))  # fmt: skip
     return volume_tracer(scene, reverse)
 
 

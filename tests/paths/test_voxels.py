@@ -60,14 +60,10 @@ def test_a_box_in_a_void_is_a_box():
 def test_layers_against_the_literal_algorithms(reverse):
     """A18: extinction, albedo and anisotropy differ; the balance weight has the ratio of extinctions."""
     kinds = (0.7, 0.0)
-    medium = grid(
-        [[0.1], [0.3]], albedo=np.array([[1.0], [0.7]]), material=np.array([[0], [1]]),
-        scatterers=(sg.HenyeyGreenstein(g=0.7), sg.Isotropic()),
-    )  # fmt: skip
-    literal = Medium(
-        np.array([[-5.0, -5], [-5, 0]]), np.array([[5.0, 0], [5, 5]]), np.array([0.1, 0.3]), np.array([1.0, 0.7]),
-        tuple(henyey_greenstein(g, 2) for g in kinds), np.eye(2),
-    )  # fmt: skip
+    medium = grid([[0.1], [0.3]], albedo=np.array([[1.0], [0.7]]), material=np.array([[0], [1]]),
+                  scatterers=(sg.HenyeyGreenstein(g=0.7), sg.Isotropic()))  # fmt: skip
+    literal = Medium(np.array([[-5.0, -5], [-5, 0]]), np.array([[5.0, 0], [5, 5]]), np.array([0.1, 0.3]),
+                     np.array([1.0, 0.7]), tuple(henyey_greenstein(g, 2) for g in kinds), np.eye(2))  # fmt: skip
     scene = flat(medium, (0, 10), (0, 50, 180))
     setup = Setup(literal, 1.0, Far(scene.lights), Far(scene.views))
     assert_same(engine_batches(scene, 200, reverse=reverse), oracle_batches(setup, 300, reverse=reverse))
@@ -95,10 +91,8 @@ def test_traversal_is_the_sum_of_chords(dimension):
     volume = volume_of(medium, dimension)
     index = np.indices(shape).reshape(dimension, -1).T[:, ::-1]
     size = 10.0 / np.array(shape[::-1])
-    literal = Medium(
-        -5 + index * size, -5 + (index + 1) * size, medium.extinction.ravel(), np.ones(len(index)),
-        (henyey_greenstein(0.0, dimension),), np.ones((len(index), 1)),
-    )  # fmt: skip
+    literal = Medium(-5 + index * size, -5 + (index + 1) * size, medium.extinction.ravel(), np.ones(len(index)),
+                     (henyey_greenstein(0.0, dimension),), np.ones((len(index), 1)))  # fmt: skip
     start, w = random_rays(60, dimension, rng)
     keep = [0, 2] if dimension == 2 else [0, 1, 2]
     expected = [literal.optical_depth(x[None, keep], v[None, keep], np.inf)[0] for x, v in zip(start, w, strict=True)]

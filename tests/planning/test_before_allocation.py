@@ -24,10 +24,8 @@ def slab(optical_depth: float, albedo: float = 1.0) -> sg.Slab:
 
 
 def scene(medium: sg.Slab) -> sg.Scene:
-    return sg.Scene(
-        wavelength=0.5, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0], width=5000.0),
-        sensor=sg.FarField.grid(shape=(4, 4), pitch=4e-5),
-    )  # fmt: skip
+    return sg.Scene(wavelength=0.5, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0], width=5000.0),
+                    sensor=sg.FarField.grid(shape=(4, 4), pitch=4e-5))  # fmt: skip
 
 
 def test_a_grid_beyond_memory_is_refused():

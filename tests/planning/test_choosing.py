@@ -23,10 +23,8 @@ def directions(count):
 
 
 def box(views=12):
-    return sg.Scene(
-        wavelength=1.0, medium=BOX, illumination=sg.PlaneWaves(directions=directions(2)),
-        sensor=sg.FarField(directions=directions(views)),
-    )  # fmt: skip
+    return sg.Scene(wavelength=1.0, medium=BOX, illumination=sg.PlaneWaves(directions=directions(2)),
+                    sensor=sg.FarField(directions=directions(views)))  # fmt: skip
 
 
 def slab(tilts=3, **fields):

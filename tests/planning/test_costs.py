@@ -14,17 +14,14 @@ BOX = sg.Box(lower=[-5.0] * 3, upper=[5.0] * 3, mean_free_path=9.0, scatterer=sg
 DIRECTIONS = sg.FarField(directions=np.eye(3))
 GRID = sg.VoxelGrid(lower=[-5.0] * 3, upper=[5.0] * 3, extinction=np.full((4, 3, 2), 0.1), scatterers=(sg.Isotropic(),))
 HIDDEN = sg.IncoherentObject(brightness=np.ones((30, 30)), pitch=3e-5, width=3e4)
-WAYS = {
-    "stationary": (SCENE, {"sampler": "stationary"}),
-    "nufft": (SCENE, {"sampler": "paths"}),
-    "direct": (SCENE.replace(sensor=DIRECTIONS), {"reverse": False}),
-    "reversed": (SCENE.replace(sensor=DIRECTIONS), {"reverse": True}),
-    "box": (SCENE.replace(medium=BOX, sensor=DIRECTIONS), {}),
-    "voxels": (SCENE.replace(medium=GRID, sensor=DIRECTIONS), {}),
-    "near": (SCENE.replace(medium=BOX, sensor=sg.NearField(points=[[0.0, 0, 9.0]])), {}),
-    "covariance": (SCENE.replace(medium=BOX, sensor=DIRECTIONS), {"sampler": "covariance"}),
-    "hidden object": (SCENE.replace(illumination=HIDDEN), {"sampler": "stationary"}),
-}
+WAYS = {"stationary": (SCENE, {"sampler": "stationary"}), "nufft": (SCENE, {"sampler": "paths"}),
+        "direct": (SCENE.replace(sensor=DIRECTIONS), {"reverse": False}),
+        "reversed": (SCENE.replace(sensor=DIRECTIONS), {"reverse": True}),
+        "box": (SCENE.replace(medium=BOX, sensor=DIRECTIONS), {}),
+        "voxels": (SCENE.replace(medium=GRID, sensor=DIRECTIONS), {}),
+        "near": (SCENE.replace(medium=BOX, sensor=sg.NearField(points=[[0.0, 0, 9.0]])), {}),
+        "covariance": (SCENE.replace(medium=BOX, sensor=DIRECTIONS), {"sampler": "covariance"}),
+        "hidden object": (SCENE.replace(illumination=HIDDEN), {"sampler": "stationary"})}  # fmt: skip
 
 
 COUNTED = {

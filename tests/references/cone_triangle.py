@@ -38,17 +38,14 @@ def _gap(a, t, triangle, z):
     if low[2] != high[2]:
         one, two = _at(low, high, z), _at(low, middle, z) if z <= middle[2] else _at(middle, high, z)
         return _segment_distance(one[0], one[1], two[0], two[1]) - (a + t * z)
-    turns = np.array([
-        low[0] * middle[1] - low[1] * middle[0], middle[0] * high[1] - middle[1] * high[0],
-        high[0] * low[1] - high[1] * low[0],
-    ])  # fmt: skip
+    turns = np.array([low[0] * middle[1] - low[1] * middle[0], middle[0] * high[1] - middle[1] * high[0],
+                      high[0] * low[1] - high[1] * low[0]])  # fmt: skip
     area = turns.sum()
     if area != 0.0 and (np.sign(turns) == np.sign(area)).all():
         return -(a + t * z)
-    return min(
-        _segment_distance(low[0], low[1], middle[0], middle[1]),
-        _segment_distance(middle[0], middle[1], high[0], high[1]), _segment_distance(high[0], high[1], low[0], low[1]),
-    ) - (a + t * z)  # fmt: skip
+    return min(_segment_distance(low[0], low[1], middle[0], middle[1]),
+               _segment_distance(middle[0], middle[1], high[0], high[1]),
+               _segment_distance(high[0], high[1], low[0], low[1])) - (a + t * z)  # fmt: skip
 
 
 @njit

@@ -74,10 +74,8 @@ def walk_layers(
         if found <= room:
             break
         room = found
-    return LayeredLight(
-        _reflectance(indices[0], indices[1], 1.0)[0], back / each, through / each,
-        places[:found], weights[:found], batch[:found],
-    )  # fmt: skip
+    return LayeredLight(_reflectance(indices[0], indices[1], 1.0)[0], back / each, through / each, places[:found],
+                        weights[:found], batch[:found])  # fmt: skip
 
 
 @njit
@@ -177,7 +175,5 @@ def _scattered(u, v, w, g):
     if abs(w) > 0.99999:
         return a, b, cosine * math.copysign(1.0, w)
     across = math.sqrt(1.0 - w * w)
-    return (
-        a * u * w / across - b * v / across + u * cosine, a * v * w / across + b * u / across + v * cosine,
-        -a * across + w * cosine,
-    )  # fmt: skip
+    return (a * u * w / across - b * v / across + u * cosine, a * v * w / across + b * u / across + v * cosine,
+            -a * across + w * cosine)  # fmt: skip

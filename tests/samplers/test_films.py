@@ -45,20 +45,17 @@ def expected(medium, times=TIMES, **asked):
 
 BOX = sg.Box(lower=[-100, -100, 0], upper=[100, 100, 10], mean_free_path=5.0, scatterer=LOBE, motion=FLUID)
 STILL, MOVING = (sg.Layer(thickness=5.0, mean_free_path=5.0, scatterer=LOBE, motion=m) for m in (None, FLUID))
-GRID = sg.VoxelGrid(
-    lower=[-100, -100, 0], upper=[100, 100, 10], extinction=np.full((2, 1, 1), 0.2), material=[[[0]], [[1]]],
-    scatterers=[LOBE, LOBE], motion=(None, FLUID),
-)  # fmt: skip
+GRID = sg.VoxelGrid(lower=[-100, -100, 0], upper=[100, 100, 10], extinction=np.full((2, 1, 1), 0.2),
+                    material=[[[0]], [[1]]], scatterers=[LOBE, LOBE], motion=(None, FLUID))  # fmt: skip
 SLOW = np.array([0.0, 0.1, 0.5, 2.0])
 SMALL = {"times": SLOW, "width": 60.0, "shape": (8, 8), "pitch": 0.005, "center": (0.2, 0.0)}
 CASES = {
-    "slab": (film(), THIN),
-    "off the axis": (film(center=(0.3, 0.0)), THIN),
+    "slab": (film(), THIN), "off the axis": (film(center=(0.3, 0.0)), THIN),
     "faces": (film(medium=THIN.replace(faces=sg.Faces(inside=1.33))), THIN.replace(faces=sg.Faces(inside=1.33))),
     "box": (film(medium=BOX, **SMALL), sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=LOBE, motion=FLUID)),
     "voxels": (film(medium=GRID, **SMALL), sg.Layers(layers=[STILL, MOVING])),
     "layers": (film(medium=sg.Layers(layers=[STILL, MOVING]), **SMALL), sg.Layers(layers=[STILL, MOVING])),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -79,9 +79,8 @@ def test_correlations_are_those_of_the_memory_effect():
             seen = scene(polarisers, tilts=(0.0, tilt), sensor=sensor)
             found = sg.covariance(seen, paths=10_000, seed=3, pairs=[[0, 0, 1, 1], [0, 0, 0, 0], [1, 1, 1, 1]])
             value, error = found.value, found.standard_error
-            curve = sg.memory_effect(
-                slab(), wavelength=WAVELENGTH, tilts=[tilt], channel=channel, azimuth=turned, paths=20_000, seed=4
-            )
+            curve = sg.memory_effect(slab(), wavelength=WAVELENGTH, tilts=[tilt], channel=channel, azimuth=turned,
+                                     paths=20_000, seed=4)  # fmt: skip
             squared = abs(value[0]) ** 2 / abs(value[1] * value[2])
             relative = 2 * (error[0] / abs(value[0])) + error[1] / abs(value[1]) + error[2] / abs(value[2])
             assert_z(squared, curve.intensity, np.hypot(curve.standard_error, squared * relative), degrees=63)

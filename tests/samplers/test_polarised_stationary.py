@@ -107,9 +107,8 @@ def test_a_seed_is_one_medium_behind_all_analysers():
 @pytest.mark.parametrize("sampler", ["stationary", "paths"])
 def test_films_forget_as_the_temporal_correlation_says(channel, sampler):
     medium = slab(motion=sg.Brownian(diffusion=1e-4))
-    curve = sg.temporal_correlation(
-        medium, wavelength=WAVELENGTH, lags=[2.0, 5.0], channel=channel, paths=PATHS, seed=4
-    )
+    curve = sg.temporal_correlation(medium, wavelength=WAVELENGTH, lags=[2.0, 5.0], channel=channel, paths=PATHS,
+                                    seed=4)  # fmt: skip
     film = beams(np.zeros((3, 2)), times=[0.0, 2.0, 5.0])
     asked = scene(CHANNELS[channel](), film, medium, side=8 if sampler == "paths" else 24)
     budget = {"paths": 1500, "realizations": 24} if sampler == "paths" else {"paths": PATHS, "realizations": 40}
@@ -144,13 +143,10 @@ def second_peak(images, rows, columns):
     return value(sums.mean(axis=1)), np.sqrt((media - 1) * without.var())
 
 
-TWO_POINTS = {
-    "along": (0.0, SINE, ((1, 0), (1, 1)), (0, SHIFT)),
-    "across": (0.0, SINE, ((0, 1), (1, 1)), (SHIFT, 0)),
-    "45": (0.0, 0.7 * SINE, ((0, 0), (1, 1)), (14, 14)),
-    "along, turned": (np.pi / 4, 0.7 * SINE, ((0, 0), (1, 1)), (14, 14)),
-    "across, turned": (-np.pi / 4, 0.7 * SINE, ((0, 0), (1, 1)), (14, 14)),
-}
+TWO_POINTS = {"along": (0.0, SINE, ((1, 0), (1, 1)), (0, SHIFT)), "across": (0.0, SINE, ((0, 1), (1, 1)), (SHIFT, 0)),
+              "45": (0.0, 0.7 * SINE, ((0, 0), (1, 1)), (14, 14)),
+              "along, turned": (np.pi / 4, 0.7 * SINE, ((0, 0), (1, 1)), (14, 14)),
+              "across, turned": (-np.pi / 4, 0.7 * SINE, ((0, 0), (1, 1)), (14, 14))}  # fmt: skip
 
 
 @pytest.mark.parametrize(("channel", "name"), [("crossed", "along"), *(("co", name) for name in TWO_POINTS)])
@@ -176,10 +172,8 @@ def test_modes_and_contrast_are_those_of_all_pairs_of_pixels():
     pairs = known.planar(x[:, None] - x, y[:, None] - y)
     assert np.linalg.eigvalsh(pairs).min() > -1e-6
     grid = sg.FarField.grid((8, 8), 2e-6)
-    made = object_imaging(
-        known, wavelength=WAVELENGTH, object_shape=(4, 5), object_pitch=SINE, width=10.0, grid=grid,
-        tolerance=1e-6, dtype=torch.complex128,
-    )  # fmt: skip
+    made = object_imaging(known, wavelength=WAVELENGTH, object_shape=(4, 5), object_pitch=SINE, width=10.0, grid=grid,
+                          tolerance=1e-6, dtype=torch.complex128)  # fmt: skip
     modes = made.modes[0, 0]
     np.testing.assert_allclose(modes.T @ modes, pairs, atol=1e-4)
     light = torch.rand((1, 4, 5), generator=torch.Generator().manual_seed(1), dtype=torch.float64)
@@ -211,9 +205,8 @@ def test_circular_light_and_amplitude_matrices_are_drawn_too(lobe):
     fields = sg.render(asked, seed=3, realizations=40, paths=PATHS, sampler="stationary").field
     value, error = correlation(fields, 0, SHIFT)
     views = sg.FarField(directions=[[0.0, 0.0, 1.0], [SINE, 0.0, np.sqrt(1 - SINE**2)]])
-    known = sg.covariance(
-        asked.replace(sensor=views), paths=30_000, seed=4, pairs=[[0, 0, 1, 1], [0, 0, 0, 0], [1, 1, 1, 1]]
-    )
+    known = sg.covariance(asked.replace(sensor=views), paths=30_000, seed=4,
+                          pairs=[[0, 0, 1, 1], [0, 0, 0, 0], [1, 1, 1, 1]])  # fmt: skip
     squared = abs(known.value[0]) ** 2 / abs(known.value[1] * known.value[2])
     relative = 2 * (known.standard_error / abs(known.value)).max()
     assert_z(value, squared, np.hypot(error, squared * relative), degrees=39)
@@ -230,13 +223,11 @@ def test_light_aside_of_the_axis_is_that_of_the_covariance():
         grid = sg.FarField.grid((32, 32), SINE / SHIFT, center=centre)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", sg.DoubtWarning)  # of the crossed one
-            fields = sg.render(
-                asked.replace(sensor=grid), seed=3, realizations=40, paths=PATHS, sampler="stationary"
-            ).field
+            fields = sg.render(asked.replace(sensor=grid), seed=3, realizations=40, paths=PATHS,
+                               sampler="stationary").field  # fmt: skip
         value, error = correlation(fields, 0, SHIFT)
-        known = sg.covariance(
-            asked.replace(sensor=views), paths=20_000, seed=4, pairs=[[0, 0, 1, 1], [0, 0, 0, 0], [1, 1, 1, 1]]
-        )
+        known = sg.covariance(asked.replace(sensor=views), paths=20_000, seed=4,
+                              pairs=[[0, 0, 1, 1], [0, 0, 0, 0], [1, 1, 1, 1]])  # fmt: skip
         squared = abs(known.value[0]) ** 2 / abs(known.value[1] * known.value[2])
         own = (known.standard_error / abs(known.value)).max()
         slack = 0.02 if name == "co" else 0.04  # what the planner says of either

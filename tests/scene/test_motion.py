@@ -12,10 +12,8 @@ FLUID = sg.Brownian(diffusion=0.857)
 LOBE = sg.HenyeyGreenstein(0.9)
 SLAB = sg.Slab(thickness=100.0, mean_free_path=10.0, scatterer=LOBE)
 BOX = sg.Box(lower=[-5, -5, 0], upper=[5, 5, 4], mean_free_path=2.0, scatterer=LOBE)
-GRID = sg.VoxelGrid(
-    lower=[-5, -5, 0], upper=[5, 5, 4], extinction=np.ones((2, 1, 1)), material=[[[0.0]], [[1.0]]],
-    scatterers=[LOBE, sg.Isotropic()],
-)  # fmt: skip
+GRID = sg.VoxelGrid(lower=[-5, -5, 0], upper=[5, 5, 4], extinction=np.ones((2, 1, 1)), material=[[[0.0]], [[1.0]]],
+                    scatterers=[LOBE, sg.Isotropic()])  # fmt: skip
 LAYER = sg.Layer(thickness=5.0, mean_free_path=2.0, scatterer=LOBE)
 
 

@@ -17,11 +17,10 @@ PI, NAN = np.pi, np.nan
 RIPPLES = sg.Tabulated(theta=[0.0, 0.3, 1.0, 2.0, PI], amplitude=[3.0, -1 + 2j, 0.0, 0.5j, 1.0])
 PEAKED = sg.Tabulated(theta=[0.0, 1e-3, 2e-3, PI], amplitude=[1e3, 1e3j, 0.1, 0.1])
 
-FLAT_TOO = {
-    "isotropic": sg.Isotropic(), "henyey": sg.HenyeyGreenstein(g=0.9), "backward": sg.HenyeyGreenstein(g=-0.9),
-    "nearly isotropic lobe": sg.VonMisesFisher(concentration=1e-9), "lobe": sg.VonMisesFisher(concentration=3.0),
-    "narrow lobe": sg.VonMisesFisher(concentration=1e5), "ripples": RIPPLES, "peaked": PEAKED,
-}  # fmt: skip
+FLAT_TOO = {"isotropic": sg.Isotropic(), "henyey": sg.HenyeyGreenstein(g=0.9), "backward": sg.HenyeyGreenstein(g=-0.9),
+            "nearly isotropic lobe": sg.VonMisesFisher(concentration=1e-9),
+            "lobe": sg.VonMisesFisher(concentration=3.0), "narrow lobe": sg.VonMisesFisher(concentration=1e5),
+            "ripples": RIPPLES, "peaked": PEAKED}  # fmt: skip
 SPHERE = sg.Mie(radius=0.8, wavelength=0.5, refractive_index=1.2)
 CASES = [(name, d) for name in FLAT_TOO for d in (2, 3)] + [("sphere", 3)]
 

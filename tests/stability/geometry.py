@@ -30,11 +30,10 @@ def axis_parallel() -> Row:
     made = scene(cube(4.0, 4.0), sg.PlaneWaves(directions=directions), sg.FarField(directions=directions), 3.0)
     found = sg.covariance(made, paths=64 * 400, seed=1, reverse=False)
     i = directions
-    right = box_covariance(
-        made.medium.lower, made.medium.upper, extinction=0.25, wavelength=3.0,
-        amplitude=lambda cos: np.full(np.shape(cos), np.sqrt(1 / (4 * np.pi))),
-        lights=(i[:, None, None, None], i[None, None, :, None]), views=(i[None, :, None, None], i[None, None, None]),
-    )  # fmt: skip
+    right = box_covariance(made.medium.lower, made.medium.upper, extinction=0.25, wavelength=3.0,
+                           amplitude=lambda cos: np.full(np.shape(cos), np.sqrt(1 / (4 * np.pi))),
+                           lights=(i[:, None, None, None], i[None, None, :, None]),
+                           views=(i[None, :, None, None], i[None, None, None]))  # fmt: skip
     return measured("axis-parallel lights and views", "Eq. 41", right, found.single, found.standard_error)
 
 
@@ -44,14 +43,12 @@ def distances() -> Row:
     grid = volume_of(
         sg.VoxelGrid(lower=[0, 0, 0], upper=[2, 2, 2], extinction=[[[1, 2], [3, 4]], [[5, 6], [7, 8]]],
                      scatterers=(sg.Isotropic(),)), 3)  # fmt: skip
-    through = optical_depth(
-        grid.bounds, grid.cells, grid.extinction, 0.0, 0.0, 0.0, corner, corner, corner, 0.0, 2 * np.sqrt(3)
-    )
+    through = optical_depth(grid.bounds, grid.cells, grid.extinction, 0.0, 0.0, 0.0, corner, corner, corner, 0.0,
+                            2 * np.sqrt(3))  # fmt: skip
     along = [exit_distance(box.bounds, 0.0, 0.0, 0.5, *d) for d in ((0, 0, 1.0), (-0.0, 0.0, -1.0), (1.0, -0.0, -0.0))]
     # By the corners light passes only the two voxels on the diagonal, sqrt(3) of each.
-    return within(
-        "u_z = ±0, rays through voxel corners", "by hand", [1.5, 0.5, 1.0, 9 * np.sqrt(3)], [*along, through], 1e-15
-    )
+    return within("u_z = ±0, rays through voxel corners", "by hand", [1.5, 0.5, 1.0, 9 * np.sqrt(3)], [*along, through],
+                  1e-15)  # fmt: skip
 
 
 def grazing() -> Row:
@@ -69,14 +66,11 @@ def steep_lights() -> Row:
     made = scene(slab(1.0), beams([1.5, -1.57, 1.5707]), views([0, 0, 1]))
     found = sg.covariance(made, paths=64 * 1000, seed=3, reverse=False)
     i = made.lights
-    right = slab_covariance(
-        100.0, extinction=0.01, wavelength=1.0, width=30.0, amplitude=made.slab.scatterer.amplitude,
-        lights=(i, i), views=(AXIS, AXIS),
-    )  # fmt: skip
-    return measured(
-        "beams tilted by up to 89.995°: single scattering", "Eq. 41", right.real,
-        np.einsum("tvtv->tv", found.single)[:, 0].real, np.einsum("tvtv->tv", found.standard_error)[:, 0],
-    )  # fmt: skip
+    right = slab_covariance(100.0, extinction=0.01, wavelength=1.0, width=30.0, amplitude=made.slab.scatterer.amplitude,
+                            lights=(i, i), views=(AXIS, AXIS))  # fmt: skip
+    return measured("beams tilted by up to 89.995°: single scattering", "Eq. 41", right.real,
+                    np.einsum("tvtv->tv", found.single)[:, 0].real,
+                    np.einsum("tvtv->tv", found.standard_error)[:, 0])  # fmt: skip
 
 
 def _turned(dot: Callable[[], Decimal], wavelength: float) -> float:
@@ -138,10 +132,8 @@ def tiny_tilt() -> Row:
     right = float(1 - field_correlation(q, depth) ** 2) / q**2
     scale = curve.q[1] ** 2
     # The curve bends away from its parabola by q^2 at most.
-    return measured(
-        "tilt 1e-9 rad: (1 - C_I)/(k θ L)²", "correlation transfer equation", right, curve.decorrelation[1] / scale,
-        curve.standard_error[1] / scale, slack=q**2 * right,
-    )  # fmt: skip
+    return measured("tilt 1e-9 rad: (1 - C_I)/(k θ L)²", "correlation transfer equation", right,
+                    curve.decorrelation[1] / scale, curve.standard_error[1] / scale, slack=q**2 * right)  # fmt: skip
 
 
 def backscattering() -> Row:
@@ -150,10 +142,8 @@ def backscattering() -> Row:
     off, on = (sg.covariance(made, paths=64 * 500, seed=s, reverse=r) for s, r in ((1, False), (2, True)))
     entry = (0, 0, 0, 0)
     error = np.hypot(2 * off.standard_error[entry], on.standard_error[entry])
-    return measured(
-        "v = −i: S + 2M", "S and M without reversed paths", (off.single + 2 * off.multiple)[entry].real,
-        on.value[entry].real, error,
-    )  # fmt: skip
+    return measured("v = −i: S + 2M", "S and M without reversed paths", (off.single + 2 * off.multiple)[entry].real,
+                    on.value[entry].real, error)  # fmt: skip
 
 
 def backscattering_single() -> Row:
@@ -174,20 +164,16 @@ def narrow_beam() -> Row:
     sums = np.bincount(bank.paths // 1000, w * (1.0 + back), batches) / bank.count
     right, error = sums.sum(), np.sqrt(batches) * sums.std(ddof=1)
     found = sg.covariance(made, paths=64 * 1000, seed=5, reverse=True)
-    return measured(
-        "v = −i, beam of 0.4 ℓ*: S + M + M_in", "paths of the other engine, ends inside counted twice", right,
-        found.value.item().real, np.hypot(error, found.standard_error.item()),
-    )  # fmt: skip
+    return measured("v = −i, beam of 0.4 ℓ*: S + M + M_in", "paths of the other engine, ends inside counted twice",
+                    right, found.value.item().real, np.hypot(error, found.standard_error.item()))  # fmt: skip
 
 
 def forward_mean() -> Row:
     """V = i: the spike is in the mean, (k/2π) A (1 − e^{−OD/2}) for a box, and C knows nothing of it."""
     side, depth = 20.0, 2.0
     made = scene(cube(side, side / depth), sg.PlaneWaves(directions=[AXIS]), views([0, 0, 1]))
-    return within(
-        "v = i: mean field of a box", "(k/2π) A (1 − e^{−OD/2})", side**2 * -np.expm1(-depth / 2),
-        abs(sg.mean_field(made).item()), 1e-9,
-    )  # fmt: skip
+    return within("v = i: mean field of a box", "(k/2π) A (1 − e^{−OD/2})", side**2 * -np.expm1(-depth / 2),
+                  abs(sg.mean_field(made).item()), 1e-9)  # fmt: skip
 
 
 def forward_covariance() -> Row:
@@ -208,7 +194,5 @@ def infinite_power() -> Row:
     )  # fmt: skip
 
 
-ROWS = (
-    axis_parallel, distances, grazing, steep_lights, phases_far, phases_near, tiny_tilt, backscattering,
-    backscattering_single, narrow_beam, forward_mean, forward_covariance, infinite_power,
-)  # fmt: skip
+ROWS = (axis_parallel, distances, grazing, steep_lights, phases_far, phases_near, tiny_tilt, backscattering,
+        backscattering_single, narrow_beam, forward_mean, forward_covariance, infinite_power)  # fmt: skip

@@ -110,10 +110,8 @@ def bad_values() -> Row:
 
 def stack_memory() -> Row:
     """4096² views of 1000 tilts are 134 GB."""
-    made = scene(
-        slab(1.0, thickness=1e3), beams(1e-6 * np.arange(1000), width=1e4),
-        sg.FarField.grid(shape=(4096, 4096), pitch=2e-5), 0.5,
-    )  # fmt: skip
+    made = scene(slab(1.0, thickness=1e3), beams(1e-6 * np.arange(1000), width=1e4),
+                 sg.FarField.grid(shape=(4096, 4096), pitch=2e-5), 0.5)  # fmt: skip
     with mock.patch("specklegen.core.memory.available_memory", return_value=_MACHINE):
         return refused("4096² views × 1000 tilts on 16 GiB", REQUIRED,
                        [(lambda: sg.plan(made), ["14.4 GiB", "GiB for 1000 tilts", "fewer tilts"])])  # fmt: skip
@@ -169,7 +167,5 @@ def steepest_mean() -> Row:
     return within("OD 1e5: mean field", "e^{−OD/2} underflows", 0.0, np.abs(found), 0.0, relative=False)
 
 
-ROWS = (
-    one_path, one_pixel, none_at_all, duplicates, psd, bad_values, stack_memory, covariance_memory, same_bits,
-    steepest_mean,
-)  # fmt: skip
+ROWS = (one_path, one_pixel, none_at_all, duplicates, psd, bad_values, stack_memory, covariance_memory, same_bits,
+        steepest_mean)  # fmt: skip

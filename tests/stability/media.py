@@ -31,10 +31,8 @@ def thin_covariance() -> Row:
     """All entries of C at optical depth 1e-6, whose multiple scattering is some 1e-5 of it."""
     made = scene(slab(1e-6), beams([0.0, 0.02]))
     right, ours = exact_single(made), sg.covariance(made, paths=64 * 200, seed=1, reverse=False)
-    return measured(
-        "OD 1e-6: covariance", "Eq. 41, closed form", right, ours.value, ours.standard_error,
-        slack=2e-5 * np.abs(right).max(),
-    )  # fmt: skip
+    return measured("OD 1e-6: covariance", "Eq. 41, closed form", right, ours.value, ours.standard_error,
+                    slack=2e-5 * np.abs(right).max())  # fmt: skip
 
 
 def thin_error() -> Row:
@@ -52,20 +50,16 @@ def thin_orders() -> Row:
     for first in range(0, paths, chunk):
         double += int((trace(medium, plane_proposal(medium, AXIS, AXIS), 3, chunk, first=first).orders == 2).sum())
     right = double_to_single(depth)
-    return measured(
-        "OD 1e-5: B2/B1", "OD/2 (ln(1/OD) + 0.92)", right, double / paths, np.sqrt(right / paths),
-        slack=1e-3 * right, batches=10**6,
-    )  # fmt: skip
+    return measured("OD 1e-5: B2/B1", "OD/2 (ln(1/OD) + 0.92)", right, double / paths, np.sqrt(right / paths),
+                    slack=1e-3 * right, batches=10**6)  # fmt: skip
 
 
 def anisotropy() -> Row:
     """Mean cosines of what the engine draws; the standard deviation is sqrt((1 - g^2)/3)."""
     g = np.array(_ANISOTROPIES)
     drawn = np.array([1 - _drawn(sg.HenyeyGreenstein(g=float(each))).mean() for each in g])
-    return measured(
-        "g = -0.99, 0, 0.999, 0.99999: mean cosine", "definition", g, drawn, np.sqrt((1 - g**2) / 3 / _DRAWS),
-        batches=_DRAWS,
-    )  # fmt: skip
+    return measured("g = -0.99, 0, 0.999, 0.99999: mean cosine", "definition", g, drawn,
+                    np.sqrt((1 - g**2) / 3 / _DRAWS), batches=_DRAWS)  # fmt: skip
 
 
 def anisotropy_single() -> Row:
@@ -84,9 +78,8 @@ def anisotropy_single() -> Row:
 
 def anisotropy_refused() -> Row:
     """The limits themselves have no density."""
-    return refused(
-        "g = -1, 1", REQUIRED, [(lambda g=g: sg.HenyeyGreenstein(g=g), ["HenyeyGreenstein.g"]) for g in (1.0, -1.0)]
-    )
+    return refused("g = -1, 1", REQUIRED,
+                   [(lambda g=g: sg.HenyeyGreenstein(g=g), ["HenyeyGreenstein.g"]) for g in (1.0, -1.0)])  # fmt: skip
 
 
 def albedo_zero() -> Row:
@@ -216,9 +209,8 @@ def zero_thickness() -> Row:
 
 
 def _voxels(extinction, *, albedo=1.0) -> sg.VoxelGrid:
-    return sg.VoxelGrid(
-        lower=[-10, -10, 0], upper=[10, 10, 20], extinction=extinction, albedo=albedo, scatterers=(sg.Isotropic(),)
-    )
+    return sg.VoxelGrid(lower=[-10, -10, 0], upper=[10, 10, 20], extinction=extinction, albedo=albedo,
+                        scatterers=(sg.Isotropic(),))  # fmt: skip
 
 
 def voxels_vacuum() -> Row:
@@ -244,10 +236,8 @@ def voxels_dense() -> Row:
     found = sg.covariance(made, paths=64 * 500, seed=1, reverse=False)
     # Along the axis the shadow is one of four columns; its voxel scatters nothing, nor does what lies above it.
     right = 3 * 10 * 10 * 20 * 1e-3 * np.exp(-0.02) / (4 * np.pi)
-    return measured(
-        "one voxel 1e6 times denser, black", "Eq. 41 of the three open columns", right, found.single[0, 0, 0, 0].real,
-        found.standard_error[0, 0, 0, 0],
-    )  # fmt: skip
+    return measured("one voxel 1e6 times denser, black", "Eq. 41 of the three open columns", right,
+                    found.single[0, 0, 0, 0].real, found.standard_error[0, 0, 0, 0])  # fmt: skip
 
 
 @kernel
@@ -300,8 +290,6 @@ def tabulated_refused() -> Row:
     return refused("tables: negative angle or density, NaN, unsorted, dark", REQUIRED, calls)
 
 
-ROWS = (
-    thin_covariance, thin_error, thin_orders, anisotropy, anisotropy_single, anisotropy_refused, albedo_zero,
-    albedo_tiny, deep_isotropic, deep_anisotropic, deep_refused, albedo_one,
-    dense, zero_thickness, voxels_vacuum, voxels_dense, tabulated_sampler, tabulated_refused,
-)  # fmt: skip
+ROWS = (thin_covariance, thin_error, thin_orders, anisotropy, anisotropy_single, anisotropy_refused, albedo_zero,
+        albedo_tiny, deep_isotropic, deep_anisotropic, deep_refused, albedo_one, dense, zero_thickness, voxels_vacuum,
+        voxels_dense, tabulated_sampler, tabulated_refused)  # fmt: skip

@@ -31,10 +31,8 @@ def near_slab() -> Row:
     made = scene(slab(depth), sg.PlaneWaves(directions=[AXIS]), sg.NearField(points=points))
     found = sg.covariance(made, paths=64 * 1000, seed=1, reverse=False)
     # The first and last nodes lie 2e-6 mean free paths below the faces, where the fluence bends like z log z.
-    return measured(
-        "point sensors before, on, inside and behind a slab, OD 2", "Milne's equation, 8-point panels", right,
-        found.intensity[0], np.einsum("tvtv->tv", found.standard_error)[0], slack=1e-4,
-    )  # fmt: skip
+    return measured("point sensors before, on, inside and behind a slab, OD 2", "Milne's equation, 8-point panels",
+                    right, found.intensity[0], np.einsum("tvtv->tv", found.standard_error)[0], slack=1e-4)  # fmt: skip
 
 
 def near_mean() -> Row:

@@ -52,10 +52,9 @@ def within(case: str, source: str, right: Any, ours: Any, allowed: float, *, rel
     gaps = np.abs(ours_ - right_) / scale
     worst = int(gaps.argmax()) if gaps.size else 0
     error = float(gaps.max(initial=0.0))
-    return Row(
-        case, _number(right_.flat[worst]), source, _number(ours_.flat[worst]),
-        f"{error:.2g}{' relative' if relative else ''}, allowed {allowed:.2g}", bool(error <= allowed),
-    )  # fmt: skip
+    return Row(case, _number(right_.flat[worst]), source, _number(ours_.flat[worst]),
+               f"{error:.2g}{' relative' if relative else ''}, allowed {allowed:.2g}",
+               bool(error <= allowed))  # fmt: skip
 
 
 def measured(
@@ -71,11 +70,9 @@ def measured(
     able = np.abs(right_) > bound * error + loose
     worst = int(np.where(able, z, -1.0).argmax())
     count = f"; {able.sum()} of {able.size} stand above their noise" if able.size > 1 else ""
-    return Row(
-        case, _number(right_.flat[worst]), source, f"{_number(ours_.flat[worst])} ± {error.flat[worst]:.2g}",
-        f"{z.max():.2f} standard errors, limit {bound:.2f}{count}" if able.any() else "all of it noise",
-        bool(able.any() and np.isfinite(error).all() and np.isfinite(z).all() and z.max() < bound),
-    )  # fmt: skip
+    return Row(case, _number(right_.flat[worst]), source, f"{_number(ours_.flat[worst])} ± {error.flat[worst]:.2g}",
+               f"{z.max():.2f} standard errors, limit {bound:.2f}{count}" if able.any() else "all of it noise",
+               bool(able.any() and np.isfinite(error).all() and np.isfinite(z).all() and z.max() < bound))  # fmt: skip
 
 
 def holds(case: str, source: str, right: str, checks: dict[str, bool]) -> Row:

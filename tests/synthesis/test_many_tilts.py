@@ -133,10 +133,8 @@ def test_one_by_one_is_the_stack(monkeypatch):
 def test_it_serves_where_it_takes_fewer_operations():
     """Many even tilts of a correlation that is round; not few, not uneven ones, not complex correlations."""
     known = correlation(2000.0)
-    long = sg.Scene(
-        wavelength=1.0, medium=scene().medium, sensor=sg.FarField.grid((40, 40), 2e-6),
-        illumination=sg.CollimatedBeams.tilts(np.arange(100) * 4e-5, width=1e5),
-    )  # fmt: skip
+    long = sg.Scene(wavelength=1.0, medium=scene().medium, sensor=sg.FarField.grid((40, 40), 2e-6),
+                    illumination=sg.CollimatedBeams.tilts(np.arange(100) * 4e-5, width=1e5))  # fmt: skip
     found, shared = many_tilts(long, known), stack_sampler(long, known)
     assert isinstance(found, ManyTilts)
     assert found.root.rank * found.x.count * found.y.count < 0.5 * shared.mixing.shape[1] * shared.window[0].size

@@ -13,9 +13,8 @@ from specklegen.synthesis import modes
 from specklegen.synthesis.correlations import Tabulated
 from specklegen.synthesis.modes import Lattice
 
-K = estimate_correlation(
-    Slab(thickness=1000.0, mean_free_path=100.0, albedo=1.0, scatterer=HenyeyGreenstein(g=0.9)), 20_000, 1, threads=1
-)
+K = estimate_correlation(Slab(thickness=1000.0, mean_free_path=100.0, albedo=1.0, scatterer=HenyeyGreenstein(g=0.9)),
+                         20_000, 1, threads=1)  # fmt: skip
 AXIS = np.zeros((1, 2))
 TILTS = np.array([[0.0, 0.0], [1.3e-3, -0.4e-3], [2.6e-3, -0.8e-3]])
 RANGE = K.half_range()
@@ -183,9 +182,7 @@ def test_modes_do_not_depend_on_rounding():
 def test_columns_of_equal_power_stay_together():
     power = torch.tensor([5.0, 2.0, 2.0, 0.9], dtype=torch.float64)
     kept = [modes.kept(power, 10, tolerance).tolist() for tolerance in (0.6, 0.4, 0.2, 0.05)]
-    assert kept == [
-        [True, False, False, False], [True, True, True, False], [True, True, True, False], [True] * 4,
-    ]  # fmt: skip
+    assert kept == [[True, False, False, False], [True, True, True, False], [True, True, True, False], [True] * 4]
     batch = torch.stack([power, 0.01 * power])
     assert modes.kept(batch, 10, 0.4)[0].tolist() == [True, True, True, False]
 

@@ -16,9 +16,8 @@ from specklegen.synthesis.imaging import ImagedMedia, lit_box
 from specklegen.synthesis.nodes import LEFT, nodes_of
 from specklegen.synthesis.spectrum import LightModes
 
-K = estimate_correlation(
-    Slab(thickness=1000.0, mean_free_path=100.0, albedo=1.0, scatterer=HenyeyGreenstein(g=0.9)), 20_000, 1, threads=1
-)
+K = estimate_correlation(Slab(thickness=1000.0, mean_free_path=100.0, albedo=1.0, scatterer=HenyeyGreenstein(g=0.9)),
+                         20_000, 1, threads=1)  # fmt: skip
 GRAIN = 0.5 / 2e4
 RNG = np.random.default_rng(0)
 BRIGHT = (RNG.random((18, 22)) * (RNG.random((18, 22)) < 0.6)).astype(np.float32)
@@ -26,10 +25,8 @@ BRIGHT[[0, 1], :] = 0.0  # as many dark rows above as the box of bright pixels h
 
 
 def sampler(**changes):
-    options = {
-        "wavelength": 0.5, "object_shape": BRIGHT.shape, "object_pitch": 0.62 * GRAIN, "width": 2e4,
-        "grid": FarFieldGrid(shape=(17, 21), pitch=0.4 * GRAIN),
-    } | changes  # fmt: skip
+    options = {"wavelength": 0.5, "object_shape": BRIGHT.shape, "object_pitch": 0.62 * GRAIN, "width": 2e4,
+               "grid": FarFieldGrid(shape=(17, 21), pitch=0.4 * GRAIN)} | changes  # fmt: skip
     return one_object(K, **options).imaging
 
 
@@ -63,12 +60,10 @@ def bounded():
     return imaging_module.replace(one, gains=gains, polynomials=maps)
 
 
-CASES = {
-    "one field": (sampler, 1),
-    "two modes of light": (lambda: sampler(light=LightModes(np.array([0.6, 0.3]), (K, K), 0.1)), 1),
-    "three tilts": (tilted, 1), "four frames": (sampler, 4), "round window": (lambda: sampler(profile="disc"), 1),
-    "an envelope": (bounded, 1),
-}  # fmt: skip
+CASES = {"one field": (sampler, 1),
+         "two modes of light": (lambda: sampler(light=LightModes(np.array([0.6, 0.3]), (K, K), 0.1)), 1),
+         "three tilts": (tilted, 1), "four frames": (sampler, 4), "round window": (lambda: sampler(profile="disc"), 1),
+         "an envelope": (bounded, 1)}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", CASES)

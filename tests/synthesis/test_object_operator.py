@@ -15,10 +15,9 @@ SLAB = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreens
 @pytest.fixture(scope="module")
 def sampler():
     """Two tilts, twelve by ten pixels, double precision: rounding is some 1e-15 of the largest term."""
-    return one_object(
-        estimate_correlation(SLAB, 500, 0), wavelength=0.5, object_shape=(10, 12), object_pitch=4e-6, width=50_000.0,
-        grid=sg.FarField.grid((16, 18), 4e-6), base=((0.0, 0.0), (2e-6, 0.0)), dtype=torch.float64,
-    )  # fmt: skip
+    return one_object(estimate_correlation(SLAB, 500, 0), wavelength=0.5, object_shape=(10, 12), object_pitch=4e-6,
+                      width=50_000.0, grid=sg.FarField.grid((16, 18), 4e-6), base=((0.0, 0.0), (2e-6, 0.0)),
+                      dtype=torch.float64)  # fmt: skip
 
 
 def operator_of(sampler, medium):

@@ -17,19 +17,17 @@ from specklegen.synthesis.correlations import Tabulated
 from specklegen.synthesis.sight import Sight
 from specklegen.synthesis.spectrum import LightModes
 
-K = estimate_correlation(
-    Slab(thickness=1000.0, mean_free_path=100.0, albedo=1.0, scatterer=HenyeyGreenstein(g=0.9)), 20_000, 1, threads=1
-)
+K = estimate_correlation(Slab(thickness=1000.0, mean_free_path=100.0, albedo=1.0, scatterer=HenyeyGreenstein(g=0.9)),
+                         20_000, 1, threads=1)  # fmt: skip
 GRAIN = 0.5 / 5e4
 BRIGHT = np.random.default_rng(0).random((3, 4)) * (np.random.default_rng(1).random((3, 4)) < 0.7)
 BASE = np.array([[0.0, 0.0], [4.3 * GRAIN, -2.1 * GRAIN]])
 
 
 def sampler(**changes):
-    options = {
-        "wavelength": 0.5, "object_shape": BRIGHT.shape, "object_pitch": 0.8 * GRAIN, "width": 5e4,
-        "grid": FarFieldGrid(shape=(9, 7), pitch=0.4 * GRAIN), "base": BASE, "dtype": torch.complex128,
-    } | changes  # fmt: skip
+    options = {"wavelength": 0.5, "object_shape": BRIGHT.shape, "object_pitch": 0.8 * GRAIN, "width": 5e4,
+               "grid": FarFieldGrid(shape=(9, 7), pitch=0.4 * GRAIN), "base": BASE,
+               "dtype": torch.complex128} | changes  # fmt: skip
     return one_object(K, **options)
 
 
@@ -122,11 +120,10 @@ def test_modes_of_many_pixels_say_their_seconds_before_they_are_made(monkeypatch
 def test_the_contrast_of_one_medium_does_not_know_those_beside_it(profile):
     """Windows of several widths take grids of several sizes: to the bit."""
     width = torch.tensor([5e4, 7.3e4, 9e4], dtype=torch.float64)
-    sight = Sight(
-        wavelength=0.5, profile=profile, shape=(3, 4), camera=(9, 7), center=(0.0, 0.0), integrated=True, width=width,
-        object_pitch=torch.full_like(width, 0.8 * GRAIN), camera_pitch=torch.full_like(width, 0.4 * GRAIN),
-        base=torch.zeros((3, 1, 2), dtype=torch.float64),
-    )  # fmt: skip
+    sight = Sight(wavelength=0.5, profile=profile, shape=(3, 4), camera=(9, 7), center=(0.0, 0.0), integrated=True,
+                  width=width, object_pitch=torch.full_like(width, 0.8 * GRAIN),
+                  camera_pitch=torch.full_like(width, 0.4 * GRAIN),
+                  base=torch.zeros((3, 1, 2), dtype=torch.float64))  # fmt: skip
     together = speckle_variance(sight, Tabulated([K, K, K]))
     for n in range(3):
         one = slice(n, n + 1)

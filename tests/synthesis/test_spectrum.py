@@ -136,10 +136,8 @@ def test_narrow_light_is_one_mode_and_wide_light_is_refused():
 
 
 def sampler(light=None, **changes):
-    options = {
-        "wavelength": 0.5, "object_shape": (1, 1), "object_pitch": 1e-5, "width": 5e4,
-        "grid": FarFieldGrid(shape=(48, 48), pitch=0.5 / 5e4 / 2.5),
-    } | changes  # fmt: skip
+    options = {"wavelength": 0.5, "object_shape": (1, 1), "object_pitch": 1e-5, "width": 5e4,
+               "grid": FarFieldGrid(shape=(48, 48), pitch=0.5 / 5e4 / 2.5)} | changes  # fmt: skip
     return one_object(kernel(0.9), light=light, **options)
 
 

@@ -21,10 +21,8 @@ SLAB = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreens
 def sampler():
     kernel = estimate_correlation(SLAB, 4000, 1, threads=1)
     grid = FarFieldGrid(shape=VIEWS, pitch=WAVELENGTH / (3 * WIDTH))
-    return one_object(
-        kernel, wavelength=WAVELENGTH, object_shape=SHAPE, object_pitch=PITCH, width=WIDTH, grid=grid,
-        dtype=torch.complex128,
-    )  # fmt: skip
+    return one_object(kernel, wavelength=WAVELENGTH, object_shape=SHAPE, object_pitch=PITCH, width=WIDTH, grid=grid,
+                      dtype=torch.complex128)  # fmt: skip
 
 
 def waves(seed):

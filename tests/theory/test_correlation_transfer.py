@@ -108,10 +108,9 @@ def test_single_scattering_is_that_of_eq_41(side):
     views = tilted(0.5, side), tilted(0.50003, side)
     found = quadruple(2.0, mean_free_path=10.0, wavelength=1.0, lights=lights, views=views, albedo=0.9)
     width = 1e6
-    column = slab_covariance(
-        20.0, extinction=0.1, albedo=0.9, wavelength=1.0, width=width,
-        amplitude=lambda cos: np.full_like(cos, np.sqrt(1 / (4 * np.pi))), lights=lights, views=views,
-    )  # fmt: skip
+    column = slab_covariance(20.0, extinction=0.1, albedo=0.9, wavelength=1.0, width=width,
+                             amplitude=lambda cos: np.full_like(cos, np.sqrt(1 / (4 * np.pi))), lights=lights,
+                             views=views)  # fmt: skip
     irradiance = np.sqrt(lights[0][2] * lights[1][2])  # beams: per area of the face
     # The footprints part by 20 * 3e-5 of 1e6.
     assert found.single * 10 * 0.1 * 0.9 / (4 * np.pi) == pytest.approx(column * irradiance / width**2, rel=1e-8)

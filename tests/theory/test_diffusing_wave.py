@@ -76,9 +76,8 @@ def test_reflected_light_is_near_its_exponential():
         )
 
 
-@pytest.mark.parametrize(
-    ("depth", "g", "ratio"), [(5.0, 0.0, 0.921), (10.0, 0.0, 0.969), (20.0, 0.0, 0.993), (100.0, 0.9, 1.011)]
-)
+@pytest.mark.parametrize(("depth", "g", "ratio"),
+                         [(5.0, 0.0, 0.921), (10.0, 0.0, 0.969), (20.0, 0.0, 0.993), (100.0, 0.9, 1.011)])  # fmt: skip
 def test_what_is_inferred_of_a_slab(depth, g, ratio):
     """Lambda of this theory over the true one, read off at g1 = 1/2: within 5 % from Lambda = 10 on."""
     rest = light(depth, g, 0.0).transmitted

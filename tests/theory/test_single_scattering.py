@@ -80,9 +80,8 @@ def test_normal_transmission_and_reflection_of_a_box():
     across = abs(complex_amplitude(1.0)) ** 2 * albedo * sigma * area * size[2] * np.exp(-depth)
     back = abs(complex_amplitude(-1.0)) ** 2 * albedo * area * (1 - np.exp(-2 * depth)) / 2
     np.testing.assert_allclose(found, [across, back], rtol=1e-13)
-    wide = slab_covariance(
-        size[2], width=np.sqrt(area), lights=(AXIS, AXIS), views=([AXIS, -AXIS], [AXIS, -AXIS]), **scene
-    )
+    wide = slab_covariance(size[2], width=np.sqrt(area), lights=(AXIS, AXIS), views=([AXIS, -AXIS], [AXIS, -AXIS]),
+                           **scene)  # fmt: skip
     np.testing.assert_allclose(wide, [across, back], rtol=1e-13)
 
 
@@ -132,9 +131,8 @@ def by_depth(thickness, sigma, width, k, lights, views, points):
 def test_a_slab_with_footprints_that_part(tilts, views):
     """Thickness 4, width 2: the second pair of footprints parts inside the slab. Error of the rule about 1/points."""
     rays = [np.stack([np.sin(angles), np.cos(angles)], axis=-1) for angles in (tilts, views)]
-    found = slab_covariance(
-        4.0, extinction=0.3, wavelength=3.0, width=2.0, amplitude=one, lights=tuple(rays[0]), views=tuple(rays[1])
-    )
+    found = slab_covariance(4.0, extinction=0.3, wavelength=3.0, width=2.0, amplitude=one, lights=tuple(rays[0]),
+                            views=tuple(rays[1]))  # fmt: skip
     first, second = (0.3 * by_depth(4.0, 0.3, 2.0, 2 * np.pi / 3, *rays, points) for points in (400, 800))
     assert abs(found - second) < 2 * abs(second - first) + 1e-4
 

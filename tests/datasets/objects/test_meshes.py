@@ -95,10 +95,9 @@ def test_a_mesh_that_changes_is_noticed(solids):
 
 
 def test_a_recipe_streams_them(solids):
-    changes = {
-        "objects": {"type": "Meshes", "path": str(solids), "shape": [16, 16]}, "camera": {"shape": [32, 32]},
-        "material": {"kernel_paths": 500}, "media": 2, "samples": {"train": 4, "validation": 2, "test": 2},
-    }  # fmt: skip
+    changes = {"objects": {"type": "Meshes", "path": str(solids), "shape": [16, 16]}, "camera": {"shape": [32, 32]},
+               "material": {"kernel_paths": 500}, "media": 2,
+               "samples": {"train": 4, "validation": 2, "test": 2}}  # fmt: skip
     recipe = load_recipe("through-slab", changes)
     batch = next(iter(SpeckleStream(recipe, batch_size=4)))
     assert batch["object"].shape == (4, 16, 16)

@@ -56,10 +56,8 @@ def folder(tmp_path_factory):
     return path
 
 
-FAMILIES = [
-    "glyphs", "photographs", "silhouettes", "folder", "digits", "points", "bars", "strokes", "polygons", "blobs",
-    "families", "scan",
-]  # fmt: skip
+FAMILIES = ["glyphs", "photographs", "silhouettes", "folder", "digits", "points", "bars", "strokes", "polygons",
+            "blobs", "families", "scan"]  # fmt: skip
 
 
 @pytest.fixture(params=FAMILIES)

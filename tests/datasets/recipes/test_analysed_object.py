@@ -14,10 +14,8 @@ from specklegen.models import recoverable
 from specklegen.scene.illumination import object_sines
 
 PATHS = 20_000
-SMALL = {
-    "camera": {"shape": [40, 40], "pixels_per_grain": 3.0}, "material": {"kernel_paths": PATHS},
-    "field": {"extent_over_range": 0.4}, "objects": {"type": "Glyphs", "shape": [12, 12]},
-}  # fmt: skip
+SMALL = {"camera": {"shape": [40, 40], "pixels_per_grain": 3.0}, "material": {"kernel_paths": PATHS},
+         "field": {"extent_over_range": 0.4}, "objects": {"type": "Glyphs", "shape": [12, 12]}}  # fmt: skip
 
 
 def recipe(**light):

@@ -13,10 +13,8 @@ from specklegen.models import recoverable
 from tests.refusals import assert_refused
 from tests.zscore import assert_z
 
-SMALL = {
-    "media": 4, "sampler": "stationary", "material": {"kernel_paths": 2000},
-    "camera": {"shape": [48, 40]}, "objects": {"shape": [16, 16]},
-}  # fmt: skip
+SMALL = {"media": 4, "sampler": "stationary", "material": {"kernel_paths": 2000}, "camera": {"shape": [48, 40]},
+         "objects": {"shape": [16, 16]}}  # fmt: skip
 
 
 def sample(index=3, **changes):
@@ -156,10 +154,9 @@ def test_later_parents_change_earlier_ones(tmp_path):
 
 def test_devices_see_what_the_cpu_sees_in_any_batch(monkeypatch):
     """Every effect but a camera's, which rounds to other counts; of two media, each of its own aperture and degree."""
-    varied = {
-        "rotation": [-20.0, 20.0], "magnification": [0.9, 1.2], "aperture": [0.9, 1.1], "polarisation": [0.2, 0.9],
-        "blur": [0.2, 1.5], "drift": [0.0, 3.0], "gradient": [0.0, 0.5], "stray": [0.0, 0.3], "unevenness": [0.01, 0.1],
-    }  # fmt: skip
+    varied = {"rotation": [-20.0, 20.0], "magnification": [0.9, 1.2], "aperture": [0.9, 1.1],
+              "polarisation": [0.2, 0.9], "blur": [0.2, 1.5], "drift": [0.0, 3.0], "gradient": [0.0, 0.5],
+              "stray": [0.0, 0.3], "unevenness": [0.01, 0.1]}  # fmt: skip
     recipe = load_recipe("through-slab", {**SMALL, "bench": {name: {"uniform": each} for name, each in varied.items()}})
     expected = SpeckleGenerator(recipe, 4)(range(4))
     with as_on_devices(monkeypatch):

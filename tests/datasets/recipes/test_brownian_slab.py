@@ -15,10 +15,8 @@ from specklegen.datasets.recipes.parts.material import known_motion
 from specklegen.synthesis import films
 
 # |g1|^2 at .1, .25, .5, 2, 3 of the time where g1 = 1/e, by another program, rounded to .0005; optical depth and g.
-TABLE = {
-    (10.0, 0.9): [0.588, 0.390, 0.249, 0.062, 0.037], (20.0, 0.9): [0.724, 0.485, 0.287, 0.050, 0.024],
-    (10.0, 0.0): [0.781, 0.553, 0.329, 0.034, 0.012],
-}  # fmt: skip
+TABLE = {(10.0, 0.9): [0.588, 0.390, 0.249, 0.062, 0.037], (20.0, 0.9): [0.724, 0.485, 0.287, 0.050, 0.024],
+         (10.0, 0.0): [0.781, 0.553, 0.329, 0.034, 0.012]}  # fmt: skip
 TIMES = np.array([0.1, 0.25, 0.5, 2.0, 3.0])
 POINT = np.eye(1, 9, 4).reshape(3, 3)
 
@@ -54,9 +52,8 @@ def test_frames_forget_as_the_engine_says(case):
     mean, spread = np.mean(products, axis=1), np.std(products, axis=1, ddof=1) / np.sqrt(len(media))
     medium = recipe.material.in_motion(recipe.material.extremes()[0])
     slab = medium.replace(motion=sg.Brownian(diffusion=told["diffusion"]))
-    expected = sg.temporal_correlation(
-        slab, wavelength=told["wavelength"], lags=lags * recipe.dynamics.interval, paths=40_000, seed=9
-    )
+    expected = sg.temporal_correlation(slab, wavelength=told["wavelength"], lags=lags * recipe.dynamics.interval,
+                                       paths=40_000, seed=9)  # fmt: skip
     error = np.hypot(spread, 1.8 * expected.standard_error)  # of 20 000 paths of its own, and these
     assert_z(mean, expected.intensity, error, degrees=63)
     refute_z(mean, np.abs(expected.field), error, degrees=63)  # a field taken for an intensity
@@ -79,9 +76,8 @@ def test_beams_apart_forget_sooner():
     lags = recipe.dynamics.interval * np.arange(3)
     slab = recipe.material.in_motion(recipe.material.extremes()[0])
     slab = slab.replace(motion=sg.Brownian(diffusion=told["diffusion"]))
-    expected = sg.temporal_correlation(
-        slab, wavelength=told["wavelength"], lags=lags, tilts=np.array(angle)[:, None], paths=200_000, seed=9
-    )
+    expected = sg.temporal_correlation(slab, wavelength=told["wavelength"], lags=lags, tilts=np.array(angle)[:, None],
+                                       paths=200_000, seed=9)  # fmt: skip
     found = np.array([[float(modes[:, a] @ whole[0, :, f] @ modes[:, b]) ** 2 for f in range(3)] for a, b in pairs])
     error = 1.5 * expected.standard_error
     assert_z(found, expected.intensity, error, slack=0.003)

@@ -16,11 +16,10 @@ from specklegen.synthesis.fused import FORMS, KERNELS
 
 BATCH = 256
 # Launches an image, and megabytes an image, at most: a tenth above what was counted.
-BUDGETS = {
-    "unknown-slab": (2.72, 16.3), "unseen-material": (3.13, 24.0), "tilt-stack": (2.05, 4.5),
-    "material-regression": (2.63, 11.8), "through-slab": (3.72, 14.5), "through-slab-lab": (6.9, 160.0),
-    "dynamic-slab": (2.87, 109.0), "brownian-slab": (4.12, 184.0), "partially-coherent-slab": (2.74, 90.2),
-}  # fmt: skip
+BUDGETS = {"unknown-slab": (2.72, 16.3), "unseen-material": (3.13, 24.0), "tilt-stack": (2.05, 4.5),
+           "material-regression": (2.63, 11.8), "through-slab": (3.72, 14.5), "through-slab-lab": (6.9, 160.0),
+           "dynamic-slab": (2.87, 109.0), "brownian-slab": (4.12, 184.0),
+           "partially-coherent-slab": (2.74, 90.2)}  # fmt: skip
 
 
 ESTIMATED = {"through-slab", "through-slab-lab", "dynamic-slab", "brownian-slab", "partially-coherent-slab"}

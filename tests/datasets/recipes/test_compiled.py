@@ -29,21 +29,20 @@ def arguments():
     cells = torch.tensor([5, 6])
     camera = Camera(photons=1.0, background=5.0, dark_current=1.5, full_well=1500.0, read_noise=2.0, gain=1.7,
                     offset=50.0, bit_depth=12)  # fmt: skip
-    return {
-        "mixture": (9 * double(2, 5), double(2, 6), double(2, 6)),
-        "half_range": (double(2, 6), double(2, 6), 0.1 * double(2)),
-        "slab_correlations": (slabs, [*tables.axes], tables.shares, tables.table, tables.bounds, 0.02),
-        "waves": (double(2, 5), 9 * double(2, 4), double(2, 4), False),
-        "fields": (words[:2, :, :2], 0, double(2), cells, cells, torch.rand(2, 6, 6), 3, [9, 8]),
-        "pair_products": (torch.rand(2, 2, 3, 4, 5, 2),), "mode_maps": (torch.rand(2, 2, 3, 6), torch.rand(2, 2, 3)),
-        "lag_sum": (torch.rand(2, 6, 1, 5, 4, 2), torch.rand(2, 3, 5, 6, 4, 2)),
-        "gaussian_beams": (9 * double(5), double(2) + 1),
-        "window_power": (double(2), cells, 0.1 * double(2), 8, False),
-        "lag_transform": (double(2, 5), double(2), double(2), double(2), 4),
-        "speckle_contrast": (torch.rand(2, 3, 4), double(2, 3, 4)),
-        "turned": (outlines, torch.tensor([3, 500]), double(2)), "coverage": (edges, 20, 20),
-        "exposed": (90 * double(2, 30), words[:2, :, :2].repeat(1, 2, 1), camera.electronics),
-    }  # fmt: skip
+    return {"mixture": (9 * double(2, 5), double(2, 6), double(2, 6)),
+            "half_range": (double(2, 6), double(2, 6), 0.1 * double(2)),
+            "slab_correlations": (slabs, [*tables.axes], tables.shares, tables.table, tables.bounds, 0.02),
+            "waves": (double(2, 5), 9 * double(2, 4), double(2, 4), False),
+            "fields": (words[:2, :, :2], 0, double(2), cells, cells, torch.rand(2, 6, 6), 3, [9, 8]),
+            "pair_products": (torch.rand(2, 2, 3, 4, 5, 2),),
+            "mode_maps": (torch.rand(2, 2, 3, 6), torch.rand(2, 2, 3)),
+            "lag_sum": (torch.rand(2, 6, 1, 5, 4, 2), torch.rand(2, 3, 5, 6, 4, 2)),
+            "gaussian_beams": (9 * double(5), double(2) + 1),
+            "window_power": (double(2), cells, 0.1 * double(2), 8, False),
+            "lag_transform": (double(2, 5), double(2), double(2), double(2), 4),
+            "speckle_contrast": (torch.rand(2, 3, 4), double(2, 3, 4)),
+            "turned": (outlines, torch.tensor([3, 500]), double(2)), "coverage": (edges, 20, 20),
+            "exposed": (90 * double(2, 30), words[:2, :, :2].repeat(1, 2, 1), camera.electronics)}  # fmt: skip
 
 
 def test_every_operator_is_tested():

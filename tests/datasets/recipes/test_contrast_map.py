@@ -93,12 +93,10 @@ def test_instants_are_as_many_as_the_contrast_needs():
     ({"vessel": {"speed": 0.0}}, "Vessels.speed must be above 0 where nothing else moves"),
     ({"vessel": {"depth": 50.0}}, "Vessels.depth must be at least the largest radius"),
     ({"vessel": {"depth": 1950.0}}, "Vessels.depth must be such that the vessel lies in the tissue"),
-    ({"vessel": {"profile": "square"}}, "profile"),
-    ({"exposures": {"durations": []}}, "durations"),
+    ({"vessel": {"profile": "square"}}, "profile"), ({"exposures": {"durations": []}}, "durations"),
     ({"window": {"width": 100.0}}, "Recipe.window must be left out"),
     ({"material": {"faces": {"inside": 1.33}}}, "Recipe.material.faces must be left out"),
-    ({"light": {"bandwidth": 1e-6}}, "Recipe.light.bandwidth must be left out"),
-    ({"aperture": 0.3}, "aperture"),
+    ({"light": {"bandwidth": 1e-6}}, "Recipe.light.bandwidth must be left out"), ({"aperture": 0.3}, "aperture"),
     ({"sampler": "stationary"}, "sampler"),
 ])  # fmt: skip
 def test_bad_input_is_named(changes, says):

@@ -30,10 +30,8 @@ from specklegen.memory_effects.polarised_fields import estimate_polarised_correl
 from specklegen.synthesis.objects import object_imaging, object_media
 from specklegen.synthesis.stacks import stack_sampler
 
-SMALL = {
-    "through-slab": {"material": {"kernel_paths": 2000}, "camera": {"shape": [32, 32]}, "media": 3},
-    "tilt-stack": {"material": {"kernel_paths": 1000}, "camera": {"shape": [16, 16]}},
-}
+SMALL = {"through-slab": {"material": {"kernel_paths": 2000}, "camera": {"shape": [32, 32]}, "media": 3},
+         "tilt-stack": {"material": {"kernel_paths": 1000}, "camera": {"shape": [16, 16]}}}  # fmt: skip
 TIMEOUT = 120
 
 
@@ -146,10 +144,8 @@ def test_every_tensor_of_an_object_is_on_the_device():
     kernel = known(recipe.material_of(0, "train", 0).slab, 2000).correlation
     brightness = np.ones((10, 10), np.float32)
     with OneDevice():
-        sampler = one_object(
-            kernel, wavelength=0.5, object_shape=(10, 10), object_pitch=3e-6, width=5e4,
-            grid=recipe.geometry.grid, device="meta",
-        )  # fmt: skip
+        sampler = one_object(kernel, wavelength=0.5, object_shape=(10, 10), object_pitch=3e-6, width=5e4,
+                             grid=recipe.geometry.grid, device="meta")  # fmt: skip
         medium = sampler.medium((1, 2, 3))
         for seen in (medium, sampler.spectra(medium)):
             image = sampler.image(seen, brightness, form="pairs")
@@ -171,10 +167,9 @@ def test_memory_effects_that_are_not_round_are_drawn_on_the_device():
     mosaic = BehindMosaic((along, across, between), (0.0, np.pi / 4, np.pi / 2, 3 * np.pi / 4))
     for seen, base in ((along, np.zeros((1, 2))), (mosaic, np.zeros((4, 2)))):
         with OneDevice():
-            made = object_imaging(
-                seen, wavelength=0.5, object_shape=(6, 6), object_pitch=1e-5, width=5e4, base=base,
-                grid=load_recipe("through-slab", SMALL["through-slab"]).geometry.grid, device="meta",
-            )  # fmt: skip
+            made = object_imaging(seen, wavelength=0.5, object_shape=(6, 6), object_pitch=1e-5, width=5e4, base=base,
+                                  grid=load_recipe("through-slab", SMALL["through-slab"]).geometry.grid,
+                                  device="meta")  # fmt: skip
             images = object_media(made, (1, 2, 3)).images(torch.ones((1, 6, 6), device="meta"))
         assert images.device.type == "meta"
         assert images.shape == (1, len(base), 32, 32)

@@ -19,10 +19,9 @@ def recipe_of(material=None, **exposures):
     slab = {"wavelength": 0.5, "thickness": 1000.0, "optical_depth": 10.0, "g": 0.0, "kernel_paths": 20_000}
     given = {"durations": DURATIONS, "tau0": 0.01} | exposures
     sources = load_recipe("through-slab")
-    return type(load_recipe("lsci-slab"))(
-        name="one-medium", media=None, material=material or slab, window=sources.window, exposures=given,
-        camera={"shape": [48, 48], "pixels_per_grain": 2.0},
-    )  # fmt: skip
+    return type(load_recipe("lsci-slab"))(name="one-medium", media=None, material=material or slab,
+                                          window=sources.window, exposures=given,
+                                          camera={"shape": [48, 48], "pixels_per_grain": 2.0})  # fmt: skip
 
 
 LAYERS = {"wavelength": 0.5, "kernel_paths": 100_000, "layers": [

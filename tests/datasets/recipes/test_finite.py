@@ -135,14 +135,13 @@ def test_infinite_correlation_time_is_a_medium_at_rest():
     np.testing.assert_array_equal(frames[1:], frames[:1].repeat(2, 0))
 
 
-FIELDS = [
-    ("tilt-stack", "tilts.step", r"Tilts\.step"), ("tilt-stack", "tilts.azimuth", r"Tilts\.azimuth"),
-    ("tilt-stack", "material.thickness", r"Material\.thickness"), ("tilt-stack", "material.g", r"Material\.g"),
-    ("tilt-stack", "material.optical_depth", r"Material\.optical_depth"),
-    ("tilt-stack", "material.albedo", r"Material\.albedo"), ("through-slab", "field.extent_over_range", "extent_over"),
-    ("partially-coherent-slab", "coherence_length", "coherence_length"),
-    ("dynamic-slab", "dynamics.correlation_time", "correlation_time"),
-]  # fmt: skip
+FIELDS = [("tilt-stack", "tilts.step", r"Tilts\.step"), ("tilt-stack", "tilts.azimuth", r"Tilts\.azimuth"),
+          ("tilt-stack", "material.thickness", r"Material\.thickness"), ("tilt-stack", "material.g", r"Material\.g"),
+          ("tilt-stack", "material.optical_depth", r"Material\.optical_depth"),
+          ("tilt-stack", "material.albedo", r"Material\.albedo"),
+          ("through-slab", "field.extent_over_range", "extent_over"),
+          ("partially-coherent-slab", "coherence_length", "coherence_length"),
+          ("dynamic-slab", "dynamics.correlation_time", "correlation_time")]  # fmt: skip
 VALUES = [NAN, INF, -INF, 10**400, {"choice": [NAN]}, {"uniform": [0.0, INF]}]
 MEAN_SOMETHING = ("coherence_length", "correlation_time")
 

@@ -9,12 +9,10 @@ from specklegen.datasets.recipes.generator import SpeckleGenerator
 
 pytestmark = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")]
 QUICK = {"material": {"kernel_paths": 20_000}, "media": 8}
-RECIPES = {
-    "unknown-slab": {}, "unseen-material": {}, "tilt-stack": {}, "material-regression": {}, "through-slab": QUICK,
-    "through-slab-lab": QUICK, "two-tilts": QUICK, "dynamic-slab": {"material": QUICK["material"]},
-    "brownian-slab": {"material": QUICK["material"]},
-    "partially-coherent-slab": {"material": QUICK["material"]},
-}  # fmt: skip
+RECIPES = {"unknown-slab": {}, "unseen-material": {}, "tilt-stack": {}, "material-regression": {},
+           "through-slab": QUICK, "through-slab-lab": QUICK, "two-tilts": QUICK,
+           "dynamic-slab": {"material": QUICK["material"]}, "brownian-slab": {"material": QUICK["material"]},
+           "partially-coherent-slab": {"material": QUICK["material"]}}  # fmt: skip
 
 
 def pair(name, **options):

@@ -6,10 +6,8 @@ from refusals import assert_refused
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 
-MILLIMETRES = {
-    "wavelength": 532e-6, "object_distance": 200.0, "object_extent": 0.3, "aperture": 5.0, "camera_distance": 100.0,
-    "pixel_pitch": 0.005, "pixels": [24, 24], "profile": "disc",
-}  # fmt: skip
+MILLIMETRES = {"wavelength": 532e-6, "object_distance": 200.0, "object_extent": 0.3, "aperture": 5.0,
+               "camera_distance": 100.0, "pixel_pitch": 0.005, "pixels": [24, 24], "profile": "disc"}  # fmt: skip
 SMALL = {"lab": {"bandwidth": 0.0, "pixels": [24, 24], "object_extent": 0.15}}
 GLASS = SMALL | {"material": {"screens": [{"type": "GroundGlass", "grit": 220}]}}
 SKIN = {"lab": SMALL["lab"] | {"wavelength": 800e-6}, "material": {"preset": "skin", "thickness": 0.5}}

@@ -76,10 +76,8 @@ def test_bad_layers_are_named(skin, layer, field):
 @pytest.mark.slow
 def test_layers_that_let_no_path_through_are_refused(skin):
     table = load_recipe(skin).model_dump(mode="json", exclude_none=True)
-    table["material"]["layers"] = [
-        {"thickness": 40.0, "mean_free_path": 1.0, "g": 0.0, "albedo": 0.5},
-        {"thickness": 1.0, "mean_free_path": 1.0, "g": 0.0, "albedo": 0.6},
-    ]
+    table["material"]["layers"] = [{"thickness": 40.0, "mean_free_path": 1.0, "g": 0.0, "albedo": 0.5},
+                                   {"thickness": 1.0, "mean_free_path": 1.0, "g": 0.0, "albedo": 0.6}]  # fmt: skip
     assert_refused(lambda: type(load_recipe(skin))(**table).sample(0, "train", 3), "enough that light crosses")
 
 

@@ -11,13 +11,10 @@ from tests.zscore import assert_z
 
 pytestmark = pytest.mark.filterwarnings("ignore::specklegen.DoubtWarning")
 
-TABLE = {
-    "name": "planes",
-    "material": {"wavelength": 0.5, "thickness": 20.0, "optical_depth": 2.0, "g": 0.8, "kernel_paths": 400},
-    "window": {"width": 12.0},
-    "camera": {"shape": [10, 8]},
-    "lens": {"aperture": 0.12, "focus": {"uniform": [-15.0, 5.0]}, "planes": 3, "step": 8.0},
-}
+TABLE = {"name": "planes",
+         "material": {"wavelength": 0.5, "thickness": 20.0, "optical_depth": 2.0, "g": 0.8, "kernel_paths": 400},
+         "window": {"width": 12.0}, "camera": {"shape": [10, 8]},
+         "lens": {"aperture": 0.12, "focus": {"uniform": [-15.0, 5.0]}, "planes": 3, "step": 8.0}}  # fmt: skip
 LAYERS = {
     "wavelength": 0.5, "kernel_paths": 400,
     "layers": [{"thickness": 5.0, "mean_free_path": 10.0, "g": 0.8},

@@ -17,8 +17,7 @@ def test_drawn_slabs_are_looked_up(name):
 
 
 @pytest.mark.parametrize(("name", "material"), [
-    ("through-slab", {}),
-    ("through-slab", DRAWN | {"kernel": "estimate"}),
+    ("through-slab", {}), ("through-slab", DRAWN | {"kernel": "estimate"}),
     ("through-slab", DRAWN | {"faces": {"inside": 1.33}}),
     ("through-slab", {"scatterer": {"type": "VonMisesFisher", "concentration": {"uniform": [20.0, 40.0]}}}),
     ("through-slab-lab", DRAWN),  # light of a band

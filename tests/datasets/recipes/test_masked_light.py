@@ -123,10 +123,9 @@ def test_waves_of_a_star():
                         & (radius < 0.33)]).min() > 0.7  # fmt: skip
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ({"points": 2}, "at least 3"), ({"points": 4.5}, "whole number"), ({"radius": 0.6}, "below 0.5"),
-    ({"inner": 1.2}, "below 1"), ({"inner": 0.0}, "greater than 0"),
-])  # fmt: skip
+@pytest.mark.parametrize(("change", "message"), [({"points": 2}, "at least 3"), ({"points": 4.5}, "whole number"),
+                                                 ({"radius": 0.6}, "below 0.5"), ({"inner": 1.2}, "below 1"),
+                                                 ({"inner": 0.0}, "greater than 0")])  # fmt: skip
 def test_stars_refused(change, message):
     assert_refused(lambda: load_recipe("star-behind-slab", {"mask": change}), message)
 

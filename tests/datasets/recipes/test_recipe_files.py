@@ -74,8 +74,7 @@ def test_a_file_may_bear_the_name_of_a_packaged_recipe(setup):
     ({"a": "a" + ".a" * 5000 + " = 1"}, "nested at most 64 levels deep"),
     ({"a": "a = " + "9" * 5000}, "must be valid TOML"),
     ({"a": "a = é".encode("latin-1")}, "recipe must be a text in UTF-8"),
-    ({"a": "kind = []"}, "recipe.kind must be one of"),
-    ({"a": ""}, "recipe.kind must be given"),
+    ({"a": "kind = []"}, "recipe.kind must be one of"), ({"a": ""}, "recipe.kind must be given"),
 ])  # fmt: skip
 def test_a_file_that_cannot_serve_is_refused_with_the_reason(setup, files, says):
     (setup / "link.toml").symlink_to("a.toml")

@@ -92,20 +92,17 @@ def test_layout_describes_the_sample(name, noisy):
 def test_fingerprint_rules():
     """Any physics changes it; names, descriptions and sample counts do not, nor what equals the default."""
     base = load_recipe("through-slab")
-    same = [
-        {"name": "other"}, {"description": "other"}, {"samples": {"train": 7}}, {"light": {"polarised": True}},
-        {"light": {"bandwidth": 0.0}}, {"media_group": 1},
-    ]  # fmt: skip
+    same = [{"name": "other"}, {"description": "other"}, {"samples": {"train": 7}}, {"light": {"polarised": True}},
+            {"light": {"bandwidth": 0.0}}, {"media_group": 1}]  # fmt: skip
     for changes in same:
         assert load_recipe("through-slab", changes).fingerprint() == base.fingerprint(), changes
-    other = [
-        {"media": 63}, {"media": "new"}, {"media": "new", "media_group": 2}, {"material": {"g": 0.91}},
-        {"material": {"wavelength": 0.51}}, {"material": {"kernel_paths": 99_999}}, {"window": {"profile": "disc"}},
-        {"camera": {"shape": [128, 127]}}, {"camera": {"pixels_per_grain": 2.9}}, {"light": {"polarised": False}},
-        {"light": {"bandwidth": 1e-5}}, {"light": {"spectrum": "flat"}}, {"light": {"refractive_index": 1.3}},
-        {"exposure": NOISE}, {"exposure": NOISE | {"offset": 21.0}}, {"objects": {"rotation": 29.0}},
-        {"field": {"extent_over_range": 0.51}}, {"mode_tolerance": 0.011},
-    ]  # fmt: skip
+    other = [{"media": 63}, {"media": "new"}, {"media": "new", "media_group": 2}, {"material": {"g": 0.91}},
+             {"material": {"wavelength": 0.51}}, {"material": {"kernel_paths": 99_999}},
+             {"window": {"profile": "disc"}}, {"camera": {"shape": [128, 127]}}, {"camera": {"pixels_per_grain": 2.9}},
+             {"light": {"polarised": False}}, {"light": {"bandwidth": 1e-5}}, {"light": {"spectrum": "flat"}},
+             {"light": {"refractive_index": 1.3}}, {"exposure": NOISE}, {"exposure": NOISE | {"offset": 21.0}},
+             {"objects": {"rotation": 29.0}}, {"field": {"extent_over_range": 0.51}},
+             {"mode_tolerance": 0.011}]  # fmt: skip
     prints = [load_recipe("through-slab", changes).fingerprint() for changes in other]
     assert len({base.fingerprint(), *prints}) == len(other) + 1
     assert json.loads(base.canonical_json())["data_version"] == DATA_VERSION
@@ -218,10 +215,8 @@ def test_lab_terms_and_engine_terms_make_the_same_images():
 
 
 def test_lab_setup_makes_a_scene():
-    setup = LabSetup(
-        wavelength=0.000532, object_distance=200.0, object_extent=0.3, aperture=5.0, camera_distance=100.0,
-        pixel_pitch=0.005, pixels=(64, 64), oversampling=2, refractive_index=1.4,
-    )  # fmt: skip
+    setup = LabSetup(wavelength=0.000532, object_distance=200.0, object_extent=0.3, aperture=5.0, camera_distance=100.0,
+                     pixel_pitch=0.005, pixels=(64, 64), oversampling=2, refractive_index=1.4)  # fmt: skip
     film = Slab(thickness=0.1, mean_free_path=0.01, scatterer=HenyeyGreenstein(g=0.9))
     scene = setup.scene(film, np.eye(6), profile="disc")
     assert scene.wavelength == pytest.approx(0.000532 / 1.4)
@@ -338,36 +333,34 @@ def test_what_a_recipe_models_is_not_called_idealised():
 
 
 # First three pixels of the middle row (of the last image) of sample 0 of seed 0 of train, and the mean.
-GOLDEN = {
-    "any-object": (7, [0.9766359, 0.9419461, 0.9345398, 1.011487]),
-    "beyond-memory-effect": (7, [1.000374, 0.9650478, 0.9601802, 0.9803326]),
-    "brownian-slab": (7, [0.7087883, 0.809357, 0.9011748, 1.010055]),
-    "characters-of-new-fonts": (7, [1.074071, 1.074169, 1.076377, 1.009583]),
-    "dynamic-slab": (7, [0.7764418, 0.8487779, 0.9052106, 1.015132]),
-    "flow-vessel": (7, [0.514697, 0.7424139, 0.1001982, 1.024402]),
-    "lsci-slab": (7, [1.221815, 1.087144, 4.70469, 1.018776]),
-    "star-behind-slab": (7, [0.232047, 0.4291241, 0.6934416, 0.9925156]),
-    "masked-light-slab": (7, [0.9491207, 0.7559811, 0.587053, 1.025188]),
-    "material-regression": (7, [0.9491832, 0.8015926, 0.2490684, 1.045898]),
-    "one-angular-size": (7, [0.908139, 0.8600472, 0.8339479, 1.012123]),
-    "partially-coherent-slab": (7, [0.3906497, 0.4650753, 0.6152182, 0.965831]),
-    "points-beyond-range": (7, [0.8973294, 0.662657, 0.7019178, 1.013835]),
-    "polarised-tissue": (7, [1.908316, 1.99683, 1.580259, 1.012428]),
-    "refocus-stack": (7, [0.06525835, 0.01863631, 0.00684472, 0.3208448]),
-    "registered-tilts": (7, [0.7689326, 0.228001, 0.03968719, 0.9849633]),
-    "through-slab": (7, [1.068246, 1.091962, 1.108055, 1.013611]),
-    "through-slab-lab": (7, [499, 480, 510, 468.5335]),
-    "tilt-stack": (7, [0.6978172, 0.3607269, 0.230323, 1.010583]),
-    "tissue-microscope": (7, [0.06778625, 0.04904509, 0.04535405, 0.3218234]),
-    "two-tilts": (7, [0.9794568, 1.047421, 1.056434, 0.9758672]),
-    "double-diffuser": (7, [0.9328063, 0.9142984, 0.9117794, 0.9967557]),
-    "ground-glass": (7, [1.1869577, 1.2275707, 1.232235, 1.0148024]),
-    "moving-diffuser": (7, [1.040494, 1.059963, 1.057312, 0.9894490]),
-    "screen-stack": (7, [0.9306133, 0.9122893, 0.9099829, 0.9967672]),
-    "unknown-slab": (7, [0.9316382, 0.9134352, 0.9114323, 0.996521]),
-    "wide-field": (7, [0.9751981, 1.074292, 0.9566098, 1.002382]),
-    "unseen-material": (7, [0.9295487, 0.9119015, 0.9108078, 0.9961757]),
-}
+GOLDEN = {"any-object": (7, [0.9766359, 0.9419461, 0.9345398, 1.011487]),
+          "beyond-memory-effect": (7, [1.000374, 0.9650478, 0.9601802, 0.9803326]),
+          "brownian-slab": (7, [0.7087883, 0.809357, 0.9011748, 1.010055]),
+          "characters-of-new-fonts": (7, [1.074071, 1.074169, 1.076377, 1.009583]),
+          "dynamic-slab": (7, [0.7764418, 0.8487779, 0.9052106, 1.015132]),
+          "flow-vessel": (7, [0.514697, 0.7424139, 0.1001982, 1.024402]),
+          "lsci-slab": (7, [1.221815, 1.087144, 4.70469, 1.018776]),
+          "star-behind-slab": (7, [0.232047, 0.4291241, 0.6934416, 0.9925156]),
+          "masked-light-slab": (7, [0.9491207, 0.7559811, 0.587053, 1.025188]),
+          "material-regression": (7, [0.9491832, 0.8015926, 0.2490684, 1.045898]),
+          "one-angular-size": (7, [0.908139, 0.8600472, 0.8339479, 1.012123]),
+          "partially-coherent-slab": (7, [0.3906497, 0.4650753, 0.6152182, 0.965831]),
+          "points-beyond-range": (7, [0.8973294, 0.662657, 0.7019178, 1.013835]),
+          "polarised-tissue": (7, [1.908316, 1.99683, 1.580259, 1.012428]),
+          "refocus-stack": (7, [0.06525835, 0.01863631, 0.00684472, 0.3208448]),
+          "registered-tilts": (7, [0.7689326, 0.228001, 0.03968719, 0.9849633]),
+          "through-slab": (7, [1.068246, 1.091962, 1.108055, 1.013611]),
+          "through-slab-lab": (7, [499, 480, 510, 468.5335]),
+          "tilt-stack": (7, [0.6978172, 0.3607269, 0.230323, 1.010583]),
+          "tissue-microscope": (7, [0.06778625, 0.04904509, 0.04535405, 0.3218234]),
+          "two-tilts": (7, [0.9794568, 1.047421, 1.056434, 0.9758672]),
+          "double-diffuser": (7, [0.9328063, 0.9142984, 0.9117794, 0.9967557]),
+          "ground-glass": (7, [1.1869577, 1.2275707, 1.232235, 1.0148024]),
+          "moving-diffuser": (7, [1.040494, 1.059963, 1.057312, 0.9894490]),
+          "screen-stack": (7, [0.9306133, 0.9122893, 0.9099829, 0.9967672]),
+          "unknown-slab": (7, [0.9316382, 0.9134352, 0.9114323, 0.996521]),
+          "wide-field": (7, [0.9751981, 1.074292, 0.9566098, 1.002382]),
+          "unseen-material": (7, [0.9295487, 0.9119015, 0.9108078, 0.9961757])}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", recipe_names())

@@ -54,9 +54,8 @@ def test_images_are_those_that_beams_add_up_to():
     screens = (sg.PhaseScreen(rms_phase=3.0, correlation_length=20.0),) * 2
     stack, grid = sg.ScreenStack(screens=screens, gaps=(400.0,)), sg.FarField.grid((24, 24), 1 / 1500)
     shape, pitch = (5, 4), 0.004
-    made = screen_objects(
-        stack, wavelength=1.0, object_shape=shape, object_pitch=pitch, grid=grid, base=np.zeros((1, 2)), width=500.0
-    )
+    made = screen_objects(stack, wavelength=1.0, object_shape=shape, object_pitch=pitch, grid=grid,
+                          base=np.zeros((1, 2)), width=500.0)  # fmt: skip
     medium, even = made.medium(1), replace(made, imaging=replace(made.imaging, gains=None, polynomials=None))
     light = sg.IncoherentObject(brightness=np.ones(shape), pitch=pitch, width=500.0)
     angle, rng = stack.rms_angle(1.0), np.random.default_rng(0)
@@ -75,9 +74,8 @@ def test_images_are_those_that_beams_add_up_to():
 def test_a_dark_pixel_takes_nothing_however_the_polynomials_are_signed():
     stack = sg.PhaseScreen(rms_phase=3.0, correlation_length=20.0).stack
     grid = sg.FarField.grid((24, 24), 1 / 1500)
-    made = screen_objects(
-        stack, wavelength=1.0, object_shape=(9, 9), object_pitch=0.004, grid=grid, base=np.zeros((1, 2)), width=500.0
-    )
+    made = screen_objects(stack, wavelength=1.0, object_shape=(9, 9), object_pitch=0.004, grid=grid,
+                          base=np.zeros((1, 2)), width=500.0)  # fmt: skip
     assert len(made.imaging.polynomials) > 1
     medium, images = made.medium(2), []
     for lit in ([0], [8], [0, 8]):

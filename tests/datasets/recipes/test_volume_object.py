@@ -12,17 +12,13 @@ from specklegen.datasets.recipes.registry import KINDS
 from specklegen.datasets.recipes.volume_object import estimated_contrast
 
 MATERIAL = {"wavelength": 0.5, "thickness": 10.0, "optical_depth": 2.0, "g": 0.5, "kernel_paths": 300}
-TABLE = {
-    "name": "objects", "material": MATERIAL, "outline": {"width": 10.0}, "window": {"width": 8.0},
-    "camera": {"shape": [6, 6]}, "objects": {"type": "Glyphs", "shape": [5, 4]}, "field": {"pitch": 0.02},
-}  # fmt: skip
+TABLE = {"name": "objects", "material": MATERIAL, "outline": {"width": 10.0}, "window": {"width": 8.0},
+         "camera": {"shape": [6, 6]}, "objects": {"type": "Glyphs", "shape": [5, 4]},
+         "field": {"pitch": 0.02}}  # fmt: skip
 NEAR = {"shape": [6, 6], "distance": 20.0}
-CASES = {
-    "box, far": {},
-    "box, near": {"camera": NEAR},
-    "voxels, far, unpolarised": {"outline": {"width": 10.0, "voxels": [2, 3, 4]}, "light": {"polarised": False}},
-    "slab, near": {"outline": None, "camera": NEAR},
-}
+CASES = {"box, far": {}, "box, near": {"camera": NEAR},
+         "voxels, far, unpolarised": {"outline": {"width": 10.0, "voxels": [2, 3, 4]}, "light": {"polarised": False}},
+         "slab, near": {"outline": None, "camera": NEAR}}  # fmt: skip
 
 
 def recipe_of(kind="volume-object", **changes):

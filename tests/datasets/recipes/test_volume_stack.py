@@ -11,18 +11,15 @@ from specklegen.datasets.recipes.parts.sampler import NUMBERS
 from specklegen.datasets.recipes.registry import KINDS
 from specklegen.paths.pilot import mean_intensity
 
-TABLE = {
-    "name": "boxes",
-    "material": {"wavelength": 0.5, "thickness": 10.0, "optical_depth": 2.0, "g": 0.5, "kernel_paths": 400},
-    "outline": {"width": 10.0}, "window": {"width": 8.0}, "camera": {"shape": [6, 6]},
-    "tilts": {"count": 2, "step": 0.01},
-}  # fmt: skip
+TABLE = {"name": "boxes",
+         "material": {"wavelength": 0.5, "thickness": 10.0, "optical_depth": 2.0, "g": 0.5, "kernel_paths": 400},
+         "outline": {"width": 10.0}, "window": {"width": 8.0}, "camera": {"shape": [6, 6]},
+         "tilts": {"count": 2, "step": 0.01}}  # fmt: skip
 CASES = {
     "box, far": {}, "box, near": {"camera": {"shape": [6, 6], "distance": 20.0}},
     "voxels, far": {"outline": {"width": 10.0, "voxels": [2, 3, 4], "contrast": 0.8}},
     "fog in voxels, near, unpolarised": {
-        "outline": {"width": 10.0, "voxels": [2, 2, 2]},
-        "camera": {"shape": [6, 6], "distance": 5.0},
+        "outline": {"width": 10.0, "voxels": [2, 2, 2]}, "camera": {"shape": [6, 6], "distance": 5.0},
         "material": {**TABLE["material"], "scatterer": {"type": "VonMisesFisher", "concentration": 3.0}},
         "light": {"polarised": False},
     },

@@ -14,11 +14,10 @@ from specklegen.synthesis.spectrum import estimate_spectral_correlation, light_m
 WAVELENGTH = 0.5
 K = 2 * np.pi / WAVELENGTH
 TILTS, LAGS, WIDTHS = np.linspace(0, 4e-3, 9), np.array([0.0, 0.01, 0.05, 0.2]), np.array([0.0, 2e-3, 0.02, 0.1])
-EVERYTHING = [
-    MemoryCurve(TILTS, None, 0.01), TemporalCurve(LAGS / K**2, None, 0.01, beta=0.8),
-    ContrastVersusBandwidth(WIDTHS, None, 0.01), ContrastVersusBandwidth(WIDTHS[1:], None, 0.01, spectrum="flat"),
-    Transmittance(None, 0.01), BallisticFraction(None, 0.01),
-]  # fmt: skip
+EVERYTHING = [MemoryCurve(TILTS, None, 0.01), TemporalCurve(LAGS / K**2, None, 0.01, beta=0.8),
+              ContrastVersusBandwidth(WIDTHS, None, 0.01),
+              ContrastVersusBandwidth(WIDTHS[1:], None, 0.01, spectrum="flat"), Transmittance(None, 0.01),
+              BallisticFraction(None, 0.01)]  # fmt: skip
 SLABS = [(800.0, 5.3, 0.83, 0.999), (100.0, 2.1, 0.3, 0.97), (300.0, 17.0, 0.91, 1.0)]
 
 
@@ -57,9 +56,8 @@ def test_transmittance_is_that_of_paths_where_lobes_are_narrow():
     assert_z(found, light.transmittance, light.transmittance_error, slack=5e-4)
 
 
-@pytest.mark.parametrize(
-    ("depth", "g", "albedo"), [(5.3, 0.6, 1.0), (2.1, 0.3, 0.97), (12.0, 0.0, 1.0), (15.0, 0.5, 0.999)]
-)
+@pytest.mark.parametrize(("depth", "g", "albedo"),
+                         [(5.3, 0.6, 1.0), (2.1, 0.3, 0.97), (12.0, 0.0, 1.0), (15.0, 0.5, 0.999)])  # fmt: skip
 def test_correlation_in_time_is_that_of_adding_and_doubling(depth, g, albedo):
     """Tables of 3e5 paths a node: some .003 in g1 squared."""
     x = np.array([0.0, 0.3, 1.0, 3.0]) / (depth * (1 + depth * (1 - g)))

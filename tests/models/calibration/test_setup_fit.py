@@ -23,10 +23,8 @@ def speckle(seed, count, side, grain, profile="disc", pixel=1, polarisations=(1.
     width = 2 * int(points / (grain * pixel) / 2) + 1
     x = np.arange(points) - points // 2
     r2 = np.add.outer((x / stretch) ** 2, x**2)
-    iris = {
-        "disc": r2 < (width / 2) ** 2, "gaussian": np.exp(-4 * r2 / width**2),
-        "square": np.logical_and.outer(np.abs(x) < width / 2, np.abs(x) < width / 2),
-    }[profile]  # fmt: skip
+    iris = {"disc": r2 < (width / 2) ** 2, "gaussian": np.exp(-4 * r2 / width**2),
+            "square": np.logical_and.outer(np.abs(x) < width / 2, np.abs(x) < width / 2)}[profile]  # fmt: skip
 
     def one():
         waves = rng.normal(size=(points, points)) + 1j * rng.normal(size=(points, points))
@@ -131,8 +129,7 @@ def test_it_is_seen_told_and_used():
 
 
 @pytest.mark.parametrize(("changes", "rule"), [
-    ({"photographs": np.ones((40, 40))}, "of speckle"),
-    ({"photographs": speckle(0, 1, 64, 4.0)}, "9 tiles of"),
+    ({"photographs": np.ones((40, 40))}, "of speckle"), ({"photographs": speckle(0, 1, 64, 4.0)}, "9 tiles of"),
     ({"profile": "round"}, "fit_setup profile must be"),
     ({"pixel_integration": 1}, "fit_setup pixel_integration must be"),
 ])  # fmt: skip
@@ -150,9 +147,8 @@ def test_intervals_hold_the_truth():
     held, errors, truth = [], [], grain_of(192, 3.5)
     for seed in range(20):
         for profile in ("disc", "square", "gaussian"):
-            found = sg.fit_setup(
-                speckle(100 + seed, 2, 192, 3.5, profile), envelope=None, pixel_integration=False, profile=profile
-            )
+            found = sg.fit_setup(speckle(100 + seed, 2, 192, 3.5, profile), envelope=None, pixel_integration=False,
+                                 profile=profile)  # fmt: skip
             bounds = found.interval()
             held.append([truth in bounds["grain"], 1.0 in bounds["contrast"]])
             errors.append(found.grain / truth - 1)

@@ -161,11 +161,10 @@ def test_a_point_tells_no_range():
     assert shown.interval()["range"] == (0, np.inf)
 
 
-@pytest.mark.parametrize(("wrong", "field"), [
-    ({"target": np.ones((2, 2, 2))}, "target"), ({"target": np.ones((1, 129))}, "target"),
-    ({"target": -LETTER}, "target"), ({"target": np.zeros((3, 3))}, "target"),
-    ({"target": LETTER, "target_step": 0.0}, "target_step"),
-])  # fmt: skip
+@pytest.mark.parametrize(("wrong", "field"), [({"target": np.ones((2, 2, 2))}, "target"),
+                                              ({"target": np.ones((1, 129))}, "target"),
+                                              ({"target": -LETTER}, "target"), ({"target": np.zeros((3, 3))}, "target"),
+                                              ({"target": LETTER, "target_step": 0.0}, "target_step")])  # fmt: skip
 def test_refusals(wrong, field):
     with pytest.raises(RuleError, match=f"^fit_setup {field} must be"):
         sg.fit_setup(photographs(np.inf, 2.0), envelope=None, **wrong)

@@ -38,13 +38,10 @@ def batch(recipe):
 
 @pytest.fixture(scope="module")
 def judged(recipe, batch):
-    methods = {
-        "perfect": lambda b: framed(b["object"].flip((-2, -1)), 20).roll((3, 1), (-2, -1)) * 5 + 1,
-        "blurred": lambda b: evaluation.targets_of(b)["diffraction-limited"],
-        "mean image": baselines.mean_image(torch.rand(5, 12, 12)),
-        "Katz": baselines.katz(QUICK),
-        "Katz, C_I": baselines.katz(QUICK, recipe=recipe),
-    }
+    methods = {"perfect": lambda b: framed(b["object"].flip((-2, -1)), 20).roll((3, 1), (-2, -1)) * 5 + 1,
+               "blurred": lambda b: evaluation.targets_of(b)["diffraction-limited"],
+               "mean image": baselines.mean_image(torch.rand(5, 12, 12)), "Katz": baselines.katz(QUICK),
+               "Katz, C_I": baselines.katz(QUICK, recipe=recipe)}  # fmt: skip
     return evaluation.evaluate(methods, [batch])
 
 

@@ -108,10 +108,9 @@ def test_scores_are_those_of_all_pixels():
     assert [row["exposure"] for row in scores.rows()] == [0, 1]
 
 
-SMALL = [f"--set={change}" for change in (
-    "camera.shape=[32, 32]", "material.kernel_paths=4000", "exposures.durations=[2e-4, 2e-3]",
-    "exposures.tolerance=0.1", "vessel.depth=150.0", "vessel.radius=80.0",
-)]  # fmt: skip
+SMALL = [f"--set={change}" for change in ("camera.shape=[32, 32]", "material.kernel_paths=4000",
+                                          "exposures.durations=[2e-4, 2e-3]", "exposures.tolerance=0.1",
+                                          "vessel.depth=150.0", "vessel.radius=80.0")]  # fmt: skip
 
 
 def run(*words):

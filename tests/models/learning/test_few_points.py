@@ -26,9 +26,8 @@ def test_sparse_images_of_points_alone_are_replaced():
     drawn = np.random.default_rng(0).exponential(1.0, spectrum.shape)
     likelihood = likelihood.seeing(spectrum * torch.from_numpy(drawn).float(), likelihood.noise, 1.0)
     shown = avg_pool2d(objects[[0, 0, 1]], 3, 1, 1)
-    begun = Candidates(
-        shown[:, None].repeat(1, 2 + 2 * ANSWERS, 1, 1), torch.zeros(3, 1 + ANSWERS), torch.zeros(3, SCALARS)
-    )
+    begun = Candidates(shown[:, None].repeat(1, 2 + 2 * ANSWERS, 1, 1), torch.zeros(3, 1 + ANSWERS),
+                       torch.zeros(3, SCALARS))  # fmt: skip
     found, *none = few_points(shown, begun, likelihood, c_i, ANSWERS)
     assert none == [None, None]
     assert found is not None

@@ -53,10 +53,9 @@ def test_a_file_cut_short_is_refused(model_file, tmp_path, length):
     assert_refused(lambda: Reconstructor.load(tmp_path / "short.pt"), "model must be")
 
 
-@pytest.mark.parametrize("stated", [
-    {"width": 10**6}, {"width": 10**12}, {"width": -1}, {"width": 1.5}, {"side": 10**9}, {"name": "nothing"},
-    {"input": "nothing"}, {"shape": [10**6, 10**6]}, {"shape": 7}, {"shape": [1]},
-], ids=str)  # fmt: skip
+@pytest.mark.parametrize("stated", [{"width": 10**6}, {"width": 10**12}, {"width": -1}, {"width": 1.5}, {"side": 10**9},
+                                    {"name": "nothing"}, {"input": "nothing"}, {"shape": [10**6, 10**6]}, {"shape": 7},
+                                    {"shape": [1]}], ids=str)  # fmt: skip
 def test_a_header_that_promises_more_than_the_file_holds_is_refused(model_file, tmp_path, stated):
     """Before anything of that size is asked for: 10**12 channels would take terabytes."""
     true, weights = read_model(model_file)

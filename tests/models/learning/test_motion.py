@@ -94,9 +94,8 @@ def test_the_closed_inversion_is_right_where_its_model_is():
     np.testing.assert_allclose(np.diff(told[:, 0]), np.diff(np.log10(times)), atol=1e-5)
 
 
-SMALL = [f"--set={change}" for change in (
-    f"exposures.durations={FEW['durations']}", "exposures.tolerance=0.1", "material.kernel_paths=1000",
-)]  # fmt: skip
+SMALL = [f"--set={change}" for change in (f"exposures.durations={FEW['durations']}", "exposures.tolerance=0.1",
+                                          "material.kernel_paths=1000")]  # fmt: skip
 LEARN = ("--target", "motion", "--input", "exposures", "--network", "perceptron")
 
 

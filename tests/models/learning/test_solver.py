@@ -37,9 +37,8 @@ def drawn(count, ranges=1.0, camera=128, profile="square", seed=0):
     """Glyphs, and periodograms of them drawn from their law."""
     objects = torch.from_numpy(np.stack([Glyphs().image(seed, "train", n) for n in range(count)])).double()
     optics = Optics(STEP, GRAIN, profile)
-    flat = Periodogram(
-        torch.ones(count, camera, camera // 2 + 1, dtype=torch.float64), torch.zeros(count), 1.0, (camera, camera)
-    )
+    flat = Periodogram(torch.ones(count, camera, camera // 2 + 1, dtype=torch.float64), torch.zeros(count), 1.0,
+                       (camera, camera))  # fmt: skip
     likelihood = SpeckleLikelihood(flat, (SIDE, SIDE), optics)
     steps = np.arange(1 - SIDE, SIDE)
     c_i = torch.from_numpy(through_slab(ranges)(np.hypot(steps[:, None], steps)))

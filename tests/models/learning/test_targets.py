@@ -87,9 +87,8 @@ def rows_of(count, seed):
 
 
 def test_a_material_is_learned_saved_and_read_again(tmp_path):
-    settings = Training(
-        target="material", input="registered+power", network="perceptron", width=4, epochs=60, learning_rate=1e-2
-    )
+    settings = Training(target="material", input="registered+power", network="perceptron", width=4, epochs=60,
+                        learning_rate=1e-2)  # fmt: skip
     held_out = rows_of(64, 1)
     model = train(settings, rows_of(512, 0), held_out, tmp_path)
     assert (tmp_path / "log.csv").read_text().startswith("epoch,seconds,train_loss,validation_r2,")

@@ -84,9 +84,8 @@ def whitened_scores():
     return module.whitened_scores
 
 
-@pytest.mark.parametrize(
-    ("side", "factor", "slack"), [(5, 1.255, 0.04), pytest.param(7, 1.157, 0.03, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("side", "factor", "slack"),
+                         [(5, 1.255, 0.04), pytest.param(7, 1.157, 0.03, marks=pytest.mark.slow)])  # fmt: skip
 def test_scores_of_literal_speckle_scatter_somewhat_more(whitened_scores, side, factor, slack):
     """As docs/bound.md says, of other objects than it was measured on; the slack is three of its standard errors."""
     scores = [whitened_scores(side, seed, 30) for seed in range(900, 960)]

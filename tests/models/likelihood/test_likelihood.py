@@ -14,10 +14,9 @@ from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood, e
 from specklegen.models.likelihood.periodogram import Periodogram, periodogram
 from specklegen.scene.window import PROFILES, Window
 
-FAMILIES = (
-    {"type": "Glyphs"}, {"type": "Points"}, {"type": "Points", "count": 12}, {"type": "Strokes"},
-    {"type": "Polygons"}, {"type": "Blobs"}, {"type": "Bars"}, {"type": "Photographs"}, {"type": "Silhouettes"},
-)  # fmt: skip
+FAMILIES = ({"type": "Glyphs"}, {"type": "Points"}, {"type": "Points", "count": 12}, {"type": "Strokes"},
+            {"type": "Polygons"}, {"type": "Blobs"}, {"type": "Bars"}, {"type": "Photographs"},
+            {"type": "Silhouettes"})  # fmt: skip
 SPREAD = np.sqrt(np.pi**2 / 6 - 1)
 """Of x - 1 - log x, x exponentially distributed: the spread of one frequency's deviance."""
 IMAGES = 45
@@ -139,10 +138,8 @@ def scenes():
     ]
     images = batch["image"].astype(np.float64).clip(0)
     images[::2] = np.random.default_rng(7).poisson(images[::2] * PHOTONS) / PHOTONS
-    optics = Optics(
-        torch.from_numpy(drawn["object_pitch"] / drawn["camera_pitch"]),
-        torch.from_numpy(drawn["wavelength"] / drawn["width"] / drawn["camera_pitch"]),
-    )
+    optics = Optics(torch.from_numpy(drawn["object_pitch"] / drawn["camera_pitch"]),
+                    torch.from_numpy(drawn["wavelength"] / drawn["width"] / drawn["camera_pitch"]))  # fmt: skip
     return torch.from_numpy(images)[:, None], torch.from_numpy(batch["object"]), torch.stack(c_i), optics
 
 

@@ -26,9 +26,8 @@ def test_camera_noise_is_the_level_of_an_even_image():
     electrons, background, read = 5.0, 0.4, 2.0
     shape = (200, 1, 32, 32)
     counts = rng.poisson(electrons * (1 + background), shape) + read * rng.standard_normal(shape)
-    seen = periodogram(
-        torch.from_numpy(counts / electrons), background=background, electrons=electrons, read_noise=read
-    )
+    seen = periodogram(torch.from_numpy(counts / electrons), background=background, electrons=electrons,
+                       read_noise=read)  # fmt: skip
     power = seen.power[:, 1:, 1:].mean((1, 2)).numpy()
     assert_mean(power / seen.noise.numpy(), 1.0, slack=2e-3)  # of the image's own mean
     refute_mean(power / seen.noise.numpy() * 1.02, 1.0, slack=2e-3)

@@ -10,12 +10,9 @@ from specklegen.models.recoverability.photograph import _lags
 SIDE, GRAIN = 112, 3.0
 NEAR = 0.15  # of ln diameter, the mean of known objects
 _DOWN, _ACROSS = np.indices((2 * SIDE, 2 * SIDE))
-OBJECTS = {
-    (18, "disc"): np.hypot(_DOWN - 60, _ACROSS - 60) < 9,
-    (18, "square"): (_DOWN < 13) & (_ACROSS < 13),
-    (36, "square"): (_DOWN < 25.5) & (_ACROSS < 25.5),
-    (36, "points"): np.isin(_DOWN * 1000 + _ACROSS, [0, 36, 18_022, 11_014]),
-}
+OBJECTS = {(18, "disc"): np.hypot(_DOWN - 60, _ACROSS - 60) < 9, (18, "square"): (_DOWN < 13) & (_ACROSS < 13),
+           (36, "square"): (_DOWN < 25.5) & (_ACROSS < 25.5),
+           (36, "points"): np.isin(_DOWN * 1000 + _ACROSS, [0, 36, 18_022, 11_014])}  # fmt: skip
 
 
 def photograph(seed, object, noise):

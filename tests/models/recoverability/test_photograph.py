@@ -133,10 +133,8 @@ def test_few_patches_of_bright_light_are_not_called_noise():
     assert judge_photograph(rng.poisson(500, (96, 96))).reasons[0].name == "nothing but noise"
 
 
-@pytest.mark.parametrize("image", [
-    np.zeros((64, 64)), np.full((64, 64), 7), np.full((64, 64), np.nan), np.ones((3, 3)), np.zeros((0, 5)),
-    np.ones((64, 64, 3), complex), "nothing.tif",
-])  # fmt: skip
+@pytest.mark.parametrize("image", [np.zeros((64, 64)), np.full((64, 64), 7), np.full((64, 64), np.nan), np.ones((3, 3)),
+                                   np.zeros((0, 5)), np.ones((64, 64, 3), complex), "nothing.tif"])  # fmt: skip
 def test_odd_images_are_told_and_not_fallen_over(image):
     try:
         found = judge_photograph(image)

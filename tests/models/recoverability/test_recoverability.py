@@ -77,15 +77,12 @@ def falling(width):
     return np.exp(-np.square(np.arange(40) / width))
 
 
-FAILURES = {
-    "too few grains": {"camera": 15.0},
-    "beyond the memory-effect range": {"memory_effect": falling(6), "compensation": False},
-    "saturation": {"saturation": 0.2},
-    "no envelope removal": {"beam": 0.2},
-    "envelope removed over too short a distance": {"beam": 5.0, "removal": 0.01},
-    "too few photons": {"electrons": 0.2},
-    "too low contrast": {"contrast": 0.05, "electrons": 40.0},
-}
+FAILURES = {"too few grains": {"camera": 15.0},
+            "beyond the memory-effect range": {"memory_effect": falling(6), "compensation": False},
+            "saturation": {"saturation": 0.2}, "no envelope removal": {"beam": 0.2},
+            "envelope removed over too short a distance": {"beam": 5.0, "removal": 0.01},
+            "too few photons": {"electrons": 0.2},
+            "too low contrast": {"contrast": 0.05, "electrons": 40.0}}  # fmt: skip
 
 
 def test_the_scene_works():
@@ -127,11 +124,10 @@ def test_a_complex_object_is_named_when_nothing_else_is_wrong():
     assert "caution: complexity outside" in judge(crowd).explain()
 
 
-@pytest.mark.parametrize(("field", "worsening"), [
-    ("camera", [200.0, 100.0, 50.0, 25.0]), ("frames", [9.0, 4.0, 1.0]),
-    ("electrons", [float("inf"), 100.0, 10.0, 1.0, 0.1]), ("saturation", [float("inf"), 1.5, 0.8, 0.4]),
-    ("beam", [float("inf"), 0.4, 0.2, 0.1]),
-])  # fmt: skip
+@pytest.mark.parametrize(("field", "worsening"), [("camera", [200.0, 100.0, 50.0, 25.0]), ("frames", [9.0, 4.0, 1.0]),
+                                                  ("electrons", [float("inf"), 100.0, 10.0, 1.0, 0.1]),
+                                                  ("saturation", [float("inf"), 1.5, 0.8, 0.4]),
+                                                  ("beam", [float("inf"), 0.4, 0.2, 0.1])])  # fmt: skip
 def test_worse_conditions_are_never_better(field, worsening):
     found = [judge(scene(**{field: value})).probability for value in worsening]
     assert (np.diff(found) < 0).all()
@@ -250,9 +246,8 @@ def test_coefficients_follow_from_the_table():
         assert FITTED[name] == pytest.approx(ends, rel=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("path", "grid", "cells"), [(TABLE, "fitted", (0, 3, 20, 41, 66, 93)), (LARGE, "large", (4, 75))]
-)
+@pytest.mark.parametrize(("path", "grid", "cells"),
+                         [(TABLE, "fitted", (0, 3, 20, 41, 66, 93)), (LARGE, "large", (4, 75))])  # fmt: skip
 def test_predictions_of_the_table_follow_from_its_scenes(path, grid, cells):
     """Cells of each half, by number; 6 digits are written, and kernels are estimated anew alike."""
     table = fit.read(path)

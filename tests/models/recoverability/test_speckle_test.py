@@ -26,9 +26,8 @@ def speckle(count, side=96, seed=0, grain=GRAIN):
 
 def behind(brightness, patterns, step):
     """Image of an object real[h, w] of whole steps, by one pattern moved about."""
-    return sum(
-        b * np.roll(patterns, (step * y, step * x), (-2, -1)) for (y, x), b in np.ndenumerate(brightness) if b
-    ) / brightness.sum()  # fmt: skip
+    return sum(b * np.roll(patterns, (step * y, step * x), (-2, -1)) for (y, x),
+               b in np.ndenumerate(brightness) if b) / brightness.sum()  # fmt: skip
 
 
 def test_speckle_is_skewed_by_at_least_twice_its_contrast():

@@ -148,9 +148,8 @@ def test_transfer_function_is_the_autocorrelation_of_the_window(profile):
     power = {"square": np.ones_like(r2), "disc": (r2 <= 0.25) * 1.0, "gaussian": np.exp(-8 * r2)}[profile]
     pairs = np.fft.ifft2(np.abs(np.fft.fft2(power, (4 * side, 4 * side))) ** 2).real
     shifts = np.rint(np.fft.fftfreq(n) * per_grain * fine).astype(int)
-    literal = np.where(
-        np.maximum(np.abs(shifts)[:, None], np.abs(shifts)) < side, pairs[shifts[:, None], shifts] / pairs[0, 0], 0
-    )
+    literal = np.where(np.maximum(np.abs(shifts)[:, None], np.abs(shifts)) < side,
+                       pairs[shifts[:, None], shifts] / pairs[0, 0], 0)  # fmt: skip
     found = transfer_function(n, per_grain, profile).numpy()
     np.testing.assert_allclose(found, literal, atol={"square": 1e-12, "disc": 0.01, "gaussian": 2e-4}[profile])
 
@@ -164,9 +163,8 @@ def test_a_diffraction_limited_point_is_nowhere_negative():
     assert image.argmax() == 2 * 32 + 2
 
 
-@pytest.mark.parametrize(("images", "window"), [
-    (torch.ones(1, 20, 20), 15), (torch.ones(1, 9, 20), 16), (torch.zeros(1, 20, 20), 16), (torch.ones(20, 20), 16),
-])  # fmt: skip
+@pytest.mark.parametrize(("images", "window"), [(torch.ones(1, 20, 20), 15), (torch.ones(1, 9, 20), 16),
+                                                (torch.zeros(1, 20, 20), 16), (torch.ones(20, 20), 16)])  # fmt: skip
 def test_bad_images_are_refused(images, window):
     with pytest.raises(RuleError):
         autocorrelation(images, window)

@@ -27,9 +27,8 @@ def test_dense_weights_are_the_formula():
     level = (lags[0] * c)[beside].sum() / (c**2)[beside].sum()
     power = (level * np.maximum(1 - length / (1.25 * side), 0) ** 2) ** 2
     exact = c * power / (c**2 * power + variance)
-    found = wiener.weights(
-        torch.from_numpy(lags), torch.from_numpy(c), torch.tensor([variance]), side=side, grain=torch.tensor([grain])
-    )
+    found = wiener.weights(torch.from_numpy(lags), torch.from_numpy(c), torch.tensor([variance]), side=side,
+                           grain=torch.tensor([grain]))  # fmt: skip
     assert np.allclose(found[0], exact / exact[0, 0], rtol=1e-12)
 
 
@@ -74,9 +73,8 @@ def drawn(family, ranges, camera=128, step=1.0, count=6):
     kernel = load_recipe("through-slab").material_of(0, "train", 0)
     pitch = ranges * kernel.half_range / SIDE / (2 * np.pi)  # of wavelength 1
     brightness = torch.from_numpy(np.stack([family.image(5, "train", n) for n in range(count)])).double()
-    flat = Periodogram(
-        torch.ones(count, camera, camera // 2 + 1, dtype=torch.float64), torch.zeros(count), 1.0, (camera, camera)
-    )
+    flat = Periodogram(torch.ones(count, camera, camera // 2 + 1, dtype=torch.float64), torch.zeros(count), 1.0,
+                       (camera, camera))  # fmt: skip
     likelihood = SpeckleLikelihood(flat, (SIDE, SIDE), Optics(step, GRAIN))
     spectrum = likelihood.object_spectrum(
         brightness, memory_effect_between(kernel.correlation, 1.0, pitch, (SIDE, SIDE))
@@ -102,9 +100,8 @@ def test_whether_to_divide(family, ranges, camera, wanted):
 
 def test_empirical_weights_keep_what_stands_out():
     lags, variance, c_i = drawn(Points(count=2), 1.0, 480)
-    found = wiener.weights(
-        lags, c_i, variance, side=SIDE, grain=torch.full((len(lags),), float(GRAIN)), guess="empirical"
-    )
+    found = wiener.weights(lags, c_i, variance, side=SIDE, grain=torch.full((len(lags),), float(GRAIN)),
+                           guess="empirical")  # fmt: skip
     length = torch.from_numpy(distances(LAGS))
     far = length > 1.5 * SIDE  # no pair of points is so far apart
     assert found[:, far].mean() < 0.5

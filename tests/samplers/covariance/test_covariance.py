@@ -158,9 +158,8 @@ def test_cube_is_that_of_the_reference():
 def test_energy_in_flatland(albedo):
     """A02: 36 views integrate a smooth intensity; what is absorbed is missing."""
     angles = np.arange(36) * 10 + 5.0
-    scene = flat_box(
-        [0.0], views(angles), half=5.0, mean_free_path=5.0, scatterer=sg.HenyeyGreenstein(g=0.5), albedo=albedo
-    )
+    scene = flat_box([0.0], views(angles), half=5.0, mean_free_path=5.0, scatterer=sg.HenyeyGreenstein(g=0.5),
+                     albedo=albedo)  # fmt: skip
     flux = intensities(engine_batches(scene, 200, reverse=False, seed=5)).mean(axis=1) * 2 * np.pi
     lost = 10 * (1 - np.exp(-2))
     if albedo == 1.0:

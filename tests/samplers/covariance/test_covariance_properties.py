@@ -97,19 +97,14 @@ def test_moving_the_medium_turns_phases():
 @pytest.mark.parametrize("near", [False, True])
 def test_reciprocity(near):
     """A19: sources and sensors change places; points one inside and one outside."""
-    medium = sg.Box(
-        lower=[-5, -5, -5], upper=[5, 5, 4], mean_free_path=6, albedo=0.8, scatterer=sg.HenyeyGreenstein(g=0.5)
-    )
+    medium = sg.Box(lower=[-5, -5, -5], upper=[5, 5, 4], mean_free_path=6, albedo=0.8,
+                    scatterer=sg.HenyeyGreenstein(g=0.5))  # fmt: skip
     a, b = np.array([0.6, 0.0, 0.8]), np.array([0.0, -0.6, 0.8])
     p = np.array([[1.0, 2.0, -1.0], [1.0, 2.5, -9.0]])
-    there = sg.Scene(
-        wavelength=1.0, medium=medium, illumination=sg.PlaneWaves(directions=[a, b]),
-        sensor=sg.NearField(points=p) if near else sg.FarField(directions=[a, -b]),
-    )  # fmt: skip
-    back = there.replace(
-        illumination=sg.PointSources(points=p) if near else sg.PlaneWaves(directions=[-a, b]),
-        sensor=sg.FarField(directions=[-a, -b]),
-    )
+    there = sg.Scene(wavelength=1.0, medium=medium, illumination=sg.PlaneWaves(directions=[a, b]),
+                     sensor=sg.NearField(points=p) if near else sg.FarField(directions=[a, -b]))  # fmt: skip
+    back = there.replace(illumination=sg.PointSources(points=p) if near else sg.PlaneWaves(directions=[-a, b]),
+                         sensor=sg.FarField(directions=[-a, -b]))  # fmt: skip
     first = engine_batches(there, 200, reverse=False)
     second = engine_batches(back, 200, reverse=False, seed=8)
     order = [0, 2, 1, 3]  # (light, view) -> (view, light)
@@ -129,9 +124,8 @@ def test_auto_leaves_out_what_does_not_matter(dimension):
         return sg.Scene(
             wavelength=0.05,
             medium=sg.Box(lower=[-5] * dimension, upper=[5] * dimension, mean_free_path=5.0, scatterer=sg.Isotropic()),
-            illumination=sg.PlaneWaves(directions=forward[None]),
-            sensor=sg.FarField(directions=direction[None]),
-        )
+            illumination=sg.PlaneWaves(directions=forward[None]), sensor=sg.FarField(directions=direction[None]),
+        )  # fmt: skip
 
     assert sg.covariance(scene(np.pi), paths=1).reverse
     away = scene(2.5)

@@ -46,9 +46,8 @@ def test_direct_sum_is_the_literal_sum(reverse, profile, side):
     sines = [[0.0, 0.0], [0.1, 0.2], [-0.7, 0.1], [1e-7, -1e-9]]
     views = np.concatenate([directions_of_sines("view", sines, s) for s in (side, -side)])  # both sides of the slab
     found = direct(bank, layout, phases, views, reverse=reverse)
-    expected = paths_by_hand.field(
-        bank, medium, 0.5, beams.directions, views, phases, (AXIS, side * AXIS), profile, 200.0, reverse=reverse
-    )
+    expected = paths_by_hand.field(bank, medium, 0.5, beams.directions, views, phases, (AXIS, side * AXIS), profile,
+                                   200.0, reverse=reverse)  # fmt: skip
     assert relative(found, expected) < 1e-10
     assert np.abs(found - expected).max() < 1e-10 * np.abs(expected).max()
     # Power: one per cent more path weight, or a phase of 1e-9, is seen.
@@ -69,9 +68,8 @@ def test_phases_keep_to_2e_7_radians_at_a_thickness_of_1e8_over_k():
     for m in range(0, len(bank), 7):
         one = bank.select(slice(m, m + 1))
         found = direct(one, layout, np.ones(1, complex), views)
-        expected = paths_by_hand.field(
-            one, medium, wavelength, lights, views, np.ones(1), (AXIS, AXIS), "plane", np.inf
-        )
+        expected = paths_by_hand.field(one, medium, wavelength, lights, views, np.ones(1), (AXIS, AXIS), "plane",
+                                       np.inf)  # fmt: skip
         assert np.abs(np.angle(found / expected)).max() < 2e-7
 
 
@@ -241,12 +239,11 @@ def test_nufft_is_the_direct_sum_within_the_tolerance(half_field, tolerance):
     assert error < 1.5 * tolerance
 
 
-GRIDS = {
-    "even": {"shape": (32, 48)}, "mixed": {"shape": (33, 48)}, "odd": {"shape": (31, 33)},
-    "one view": {"shape": (1, 1)}, "one row": {"shape": (1, 40)}, "one column": {"shape": (40, 1)},
-    "off centre": {"shape": (32, 31), "center": (0.03, -0.02)}, "reflection": {"shape": (31, 32), "side": "reflection"},
-    "reflection off centre": {"shape": (32, 32), "center": (-0.2, 0.1), "side": "reflection"},
-}  # fmt: skip
+GRIDS = {"even": {"shape": (32, 48)}, "mixed": {"shape": (33, 48)}, "odd": {"shape": (31, 33)},
+         "one view": {"shape": (1, 1)}, "one row": {"shape": (1, 40)}, "one column": {"shape": (40, 1)},
+         "off centre": {"shape": (32, 31), "center": (0.03, -0.02)},
+         "reflection": {"shape": (31, 32), "side": "reflection"},
+         "reflection off centre": {"shape": (32, 32), "center": (-0.2, 0.1), "side": "reflection"}}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", GRIDS)

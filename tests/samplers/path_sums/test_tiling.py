@@ -34,9 +34,8 @@ slab = partial(slab_of_depth, thickness=500.0)
 
 def wide(full_angle: float, shape=(60, 45), **kwargs) -> sg.FarFieldGrid:
     """A grid that spans ``full_angle`` degrees along its longer side."""
-    return sg.FarField.grid(
-        shape=shape, pitch=2 * np.sin(np.deg2rad(full_angle / 2)) / max(max(shape) - 1, 1), **kwargs
-    )
+    return sg.FarField.grid(shape=shape, pitch=2 * np.sin(np.deg2rad(full_angle / 2)) / max(max(shape) - 1, 1),
+                            **kwargs)  # fmt: skip
 
 
 def fields(grid, tiling, medium, tolerance, *, connections=150):
@@ -145,10 +144,8 @@ def test_wide_tiles_are_refused_before_any_decomposition(monkeypatch):
 
 def scene(full_angle: float, views: int, tilts: int = 1) -> sg.Scene:
     grid = wide(full_angle, (views, views))
-    return sg.Scene(
-        wavelength=1.0, medium=slab(g=0.9, thickness=2000.0), sensor=grid,
-        illumination=sg.CollimatedBeams.tilts(1e-4 * np.arange(tilts), width=0.4 / grid.pitch),
-    )  # fmt: skip
+    return sg.Scene(wavelength=1.0, medium=slab(g=0.9, thickness=2000.0), sensor=grid,
+                    illumination=sg.CollimatedBeams.tilts(1e-4 * np.arange(tilts), width=0.4 / grid.pitch))  # fmt: skip
 
 
 def test_the_planner_cuts_wide_views_and_leaves_narrow_ones_whole():

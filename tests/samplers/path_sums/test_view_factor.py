@@ -36,10 +36,9 @@ GRID = sg.FarField.grid(shape=(101, 101), pitch=float(np.deg2rad(0.000125)))
 
 def narrow_plan(width: float) -> NufftPlan:
     """View factors of the README's scene; every width has a pilot of its own."""
-    scene = sg.Scene(
-        wavelength=1.0, medium=slab(g=0.9, optical_depth=10.0, thickness=2000.0),
-        illumination=sg.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(5), width=width), sensor=GRID,
-    )  # fmt: skip
+    scene = sg.Scene(wavelength=1.0, medium=slab(g=0.9, optical_depth=10.0, thickness=2000.0),
+                     illumination=sg.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(5), width=width),
+                     sensor=GRID)  # fmt: skip
     pilot = scene_pilot(scene, False)
     found = build_nufft_plan(pilot.tracer.layout, pilot.bank, GRID, 1e-3)
     assert found is not None

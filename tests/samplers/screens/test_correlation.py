@@ -9,9 +9,8 @@ from specklegen.scene.illumination import directions_of_sines
 from specklegen.theory.phase_screens import gathered, lobes, tilt_ways
 
 LAB = sg.ScreenStack(screens=(sg.GroundGlass(angle=0.1), sg.GroundGlass(angle=0.2)), gaps=(700.0,)).stack
-WEAK = sg.ScreenStack(
-    screens=[sg.PhaseScreen(rms_phase=n, correlation_length=10.0 * n) for n in (1.0, 2.0)], gaps=(300.0,), behind=50.0
-)  # fmt: skip
+WEAK = sg.ScreenStack(screens=[sg.PhaseScreen(rms_phase=n, correlation_length=10.0 * n) for n in (1.0, 2.0)],
+                      gaps=(300.0,), behind=50.0)  # fmt: skip
 MANY = sg.ScreenStack(screens=(sg.PhaseScreen(rms_phase=2.0, correlation_length=16.0),) * 8, gaps=(100.0,) * 7)
 
 

@@ -21,10 +21,9 @@ MOVED = np.array([[[0.0, 0.0], [0.0, 0.0]], [[1.5, 0.5], [0.0, 0.0]], [[3.0, 1.0
 @pytest.fixture(scope="module")
 def images():
     """Images [R, pixel, F, H, W] of an object's three pixels in a row, in every frame of many media."""
-    made = screen_objects(
-        PAIR, wavelength=1.0, object_shape=(1, 3), object_pitch=PITCH, grid=sg.FarField.grid((12, 12), 1 / 1500),
-        base=np.zeros((3, 2)), width=500.0, moved=MOVED, tolerance=1e-4,
-    )  # fmt: skip
+    made = screen_objects(PAIR, wavelength=1.0, object_shape=(1, 3), object_pitch=PITCH,
+                          grid=sg.FarField.grid((12, 12), 1 / 1500), base=np.zeros((3, 2)), width=500.0, moved=MOVED,
+                          tolerance=1e-4)  # fmt: skip
     media = [made.medium(7, r) for r in range(200)]
     return np.array([[made.images(each, one[None]).numpy() for one in np.eye(3)] for each in media])
 
@@ -83,10 +82,9 @@ def test_of_more_screens_what_rests_is_stated_and_refused_where_it_is_too_much()
     moved = 4 * moved
     assert film_error(film_of(mixed, 1.0, moved, WINDOW), mixed, 1.0, moved, WINDOW, 0.01) > 0.02
     with pytest.raises(sg.RuleError, match="frames are like tilts within 0.02"):
-        screen_objects(
-            mixed, wavelength=1.0, object_shape=(1, 3), object_pitch=0.005, grid=sg.FarField.grid((12, 12), 1 / 1500),
-            base=np.zeros((2, 2)), width=500.0, moved=moved,
-        )  # fmt: skip
+        screen_objects(mixed, wavelength=1.0, object_shape=(1, 3), object_pitch=0.005,
+                       grid=sg.FarField.grid((12, 12), 1 / 1500), base=np.zeros((2, 2)), width=500.0,
+                       moved=moved)  # fmt: skip
 
 
 def test_all_screens_together_and_a_single_one_leave_the_frames_to_the_window():

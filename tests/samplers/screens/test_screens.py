@@ -71,10 +71,9 @@ def test_weak_screens_mirror_their_image(both):
 
 
 def grid_scene(medium, width=2000.0, tilts=(0.0,), shape=(32, 32), **light):
-    return sg.Scene(
-        wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts(np.asarray(tilts), width, **light),
-        sensor=sg.FarField.grid(shape, 0.4 / width),
-    )  # fmt: skip
+    return sg.Scene(wavelength=1.0, medium=medium,
+                    illumination=sg.CollimatedBeams.tilts(np.asarray(tilts), width, **light),
+                    sensor=sg.FarField.grid(shape, 0.4 / width))  # fmt: skip
 
 
 def test_the_planner_knows_screens_and_says_what_is_off():
@@ -178,9 +177,8 @@ def test_a_ground_glass_scatters_as_wide_as_it_says_at_any_wavelength_and_unit(g
     assert metres.screen.correlation_length == pytest.approx(1e-6 * glass.screen.correlation_length)
 
 
-@pytest.mark.parametrize(("fields", "says"), [
-    ({"grit": 219}, "one of 120, 220"), ({}, "one of grit and angle"), ({"grit": 120, "rms_height": 1.0}, "left out"),
-])  # fmt: skip
+@pytest.mark.parametrize(("fields", "says"), [({"grit": 219}, "one of 120, 220"), ({}, "one of grit and angle"),
+                                              ({"grit": 120, "rms_height": 1.0}, "left out")])  # fmt: skip
 def test_a_ground_glass_that_is_not_known_is_refused(fields, says):
     assert_refused(lambda: sg.GroundGlass(**fields), says)
 

@@ -18,10 +18,8 @@ from specklegen.memory_effects.atlas import atlas_correlation
 from specklegen.samplers.stationary.convolution import PART, Complete, Convolution, scene_loss
 
 PITCH, LAG, REALIZATIONS = 1.25e-6, 8, 300
-SMALL = {
-    "camera": {"shape": [32, 32]}, "objects": {"shape": [12, 12]}, "field": {"extent_over_range": 0.03},
-    "material": {"kernel_paths": 1000}, "window": {"width": 3e5},
-}  # fmt: skip
+SMALL = {"camera": {"shape": [32, 32]}, "objects": {"shape": [12, 12]}, "field": {"extent_over_range": 0.03},
+         "material": {"kernel_paths": 1000}, "window": {"width": 3e5}}  # fmt: skip
 
 
 def scene(thickness):

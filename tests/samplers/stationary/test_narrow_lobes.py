@@ -23,10 +23,8 @@ HALF, CONCENTRATION, DEPTH = 60, 1000.0, 5.0
 def scene():
     """A camera of half a degree behind lobes of two degrees, so that its corners are some per cent darker."""
     medium = sg.Slab(thickness=2000.0, mean_free_path=2000.0 / DEPTH, scatterer=sg.VonMisesFisher(CONCENTRATION))
-    return sg.Scene(
-        wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, 0.001], width=2000.0),
-        sensor=sg.FarField.grid((2 * HALF + 1, 2 * HALF + 1), 1 / 6000),
-    )  # fmt: skip
+    return sg.Scene(wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, 0.001], width=2000.0),
+                    sensor=sg.FarField.grid((2 * HALF + 1, 2 * HALF + 1), 1 / 6000))  # fmt: skip
 
 
 def darker(scene):
@@ -189,10 +187,8 @@ def test_pixels_that_a_small_camera_sees_beside_their_lobe_are_judged(scene):
 def test_beams_far_from_the_lobe_of_others_are_not_as_bright():
     """What no view of one beam shows: tilted light that a small camera sees beside its lobe."""
     medium = sg.Slab(thickness=2000.0, mean_free_path=400.0, scatterer=sg.VonMisesFisher(CONCENTRATION))
-    small = sg.Scene(
-        wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, 0.05], width=2000.0),
-        sensor=sg.FarField.grid((9, 9), 1 / 6000),
-    )  # fmt: skip
+    small = sg.Scene(wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, 0.05], width=2000.0),
+                     sensor=sg.FarField.grid((9, 9), 1 / 6000))  # fmt: skip
     exact = closed_form(small, np.array([[0.0, 0.0], [0.025, 0.0], [0.05, 0.0]]), np.zeros((1, 2)))[:, 0]
     found = scene_stationary_error(small, 0.02, True, glance=False)
     off = np.abs(exact[[0, 2]] / exact[1] - 1).max()  # over the middle of both beams

@@ -31,13 +31,10 @@ def axial(scatterer):
     return sg.Scene(wavelength=1.0, medium=medium, illumination=light, sensor=sg.FarField.grid((80, 80), 1e-5))
 
 
-SCENES = {
-    "oblique": scene(sg.HenyeyGreenstein(0.8)),
-    "absorbing": scene(sg.Isotropic(), albedo=0.9),
-    "faces": scene(sg.HenyeyGreenstein(0.5), faces=sg.Faces(inside=1.4)),
-    "mixture": scene(sg.Mixture(types=(sg.HenyeyGreenstein(0.8), sg.Isotropic()), fractions=(0.6, 0.4))),
-    "narrow": scene(sg.VonMisesFisher(300.0), tilt=0.03, aside=0.0),
-}
+SCENES = {"oblique": scene(sg.HenyeyGreenstein(0.8)), "absorbing": scene(sg.Isotropic(), albedo=0.9),
+          "faces": scene(sg.HenyeyGreenstein(0.5), faces=sg.Faces(inside=1.4)),
+          "mixture": scene(sg.Mixture(types=(sg.HenyeyGreenstein(0.8), sg.Isotropic()), fractions=(0.6, 0.4))),
+          "narrow": scene(sg.VonMisesFisher(300.0), tilt=0.03, aside=0.0)}  # fmt: skip
 
 
 def bank_of(some):

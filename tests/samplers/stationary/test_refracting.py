@@ -21,9 +21,8 @@ from specklegen.samplers.path_sums import view_factor
 from specklegen.samplers.path_sums.direct import direct_field
 from specklegen.samplers.path_sums.nufft import build_nufft_plan, nufft_field
 
-SLAB = sg.Slab(
-    thickness=100.0, mean_free_path=20.0, albedo=0.98, scatterer=sg.HenyeyGreenstein(0.6), faces=sg.Faces(inside=1.5)
-)
+SLAB = sg.Slab(thickness=100.0, mean_free_path=20.0, albedo=0.98, scatterer=sg.HenyeyGreenstein(0.6),
+               faces=sg.Faces(inside=1.5))  # fmt: skip
 TILTS = np.array([0.0, 1e-3, 2e-3])
 UPPER = sg.Layer(thickness=40.0, mean_free_path=10.0, scatterer=sg.HenyeyGreenstein(0.5), index=1.5)
 LOWER = sg.Layer(thickness=60.0, mean_free_path=30.0, albedo=0.95, scatterer=sg.Isotropic(), index=1.2)

@@ -36,11 +36,10 @@ def stack_scene(*, pixels=(0, 8, 16), shape=(24, 24), width=25 * THICKNESS, prof
     pitch = WAVELENGTH / width / 2
     sines = np.stack([np.array(pixels) * pitch, np.zeros(len(pixels))], 1) if len(pixels) else np.zeros((0, 2))
     return sg.Scene(
-        wavelength=WAVELENGTH,
-        medium=medium or slab(),
+        wavelength=WAVELENGTH, medium=medium or slab(),
         illumination=sg.CollimatedBeams(directions=directions_of_sines("tilt", sines), width=width, profile=profile),
         sensor=sg.FarField.grid(shape=shape, pitch=pitch, center=(8 * pitch, 0.0)),
-    )
+    )  # fmt: skip
 
 
 # ---- Against the path sampler ---------------------------------------------------------------------------
@@ -243,10 +242,8 @@ def criterion_scene(g, width, *, center=0.0) -> sg.Scene:
 
 
 # The criterion as a prototype measured it, at optical depth 10: g, width over thickness, view in degrees, error.
-MEASURED = [
-    (0.9, 25, 0, 0.007), (0.9, 4, 0, 0.05), (0.0, 50, 0, 0.016), (0.0, 4, 0, 0.15), (0.9, 200, 10, 0.04),
-    (0.9, 200, 20, 0.14),
-]  # fmt: skip
+MEASURED = [(0.9, 25, 0, 0.007), (0.9, 4, 0, 0.05), (0.0, 50, 0, 0.016), (0.0, 4, 0, 0.15), (0.9, 200, 10, 0.04),
+            (0.9, 200, 20, 0.14)]  # fmt: skip
 
 
 @pytest.mark.parametrize(("g", "width", "view", "expected"), MEASURED)
@@ -368,12 +365,9 @@ def test_images_have_the_distribution_of_the_path_sampler():
     """Mean and contrast of a hidden object's image, by z over realizations, pixel by pixel and pooled."""
     width, count, paths = 25 * THICKNESS, 300, 4000
     brightness = np.array([[0.0, 1.0, 0.0], [2.0, 0.0, 0.5]])
-    scene = sg.Scene(
-        wavelength=WAVELENGTH,
-        medium=slab(),
-        illumination=sg.IncoherentObject(brightness=brightness, pitch=6e-5, width=width),
-        sensor=sg.FarField.grid(shape=(20, 20), pitch=WAVELENGTH / width / 2),
-    )
+    scene = sg.Scene(wavelength=WAVELENGTH, medium=slab(),
+                     illumination=sg.IncoherentObject(brightness=brightness, pitch=6e-5, width=width),
+                     sensor=sg.FarField.grid(shape=(20, 20), pitch=WAVELENGTH / width / 2))  # fmt: skip
     results, excess = [], 0.0
     for sampler, n in (("paths", paths), ("stationary", 400_000)):
         stack = sg.render(scene, paths=n, seed=2, realizations=count, sampler=sampler)

@@ -57,11 +57,8 @@ def test_every_field_of_a_camera_is_obeyed():
 def test_a_field_that_batches_do_not_know_is_refused_at_every_door(monkeypatch, tmp_path):
     recipe = load_recipe("tilt-stack", SEEN)
     monkeypatch.setattr(exposure, "FIELDS", tuple(name for name in exposure.FIELDS if name != "read_noise"))
-    doors = (
-        lambda: recipe.sample(0, "train", 0),
-        lambda: next(iter(SpeckleStream(recipe, batch_size=2))),
-        lambda: SpeckleGenerator(recipe, 0, device="meta")(range(2)),
-        lambda: generate(recipe, samples=2, folder=tmp_path / "s.zarr", processes=1),
-    )
+    doors = (lambda: recipe.sample(0, "train", 0), lambda: next(iter(SpeckleStream(recipe, batch_size=2))),
+             lambda: SpeckleGenerator(recipe, 0, device="meta")(range(2)),
+             lambda: generate(recipe, samples=2, folder=tmp_path / "s.zarr", processes=1))  # fmt: skip
     for door in doors:
         assert_refused(door, r"Recipe\.exposure must be .*read_noise")
