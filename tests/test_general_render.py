@@ -6,7 +6,6 @@ from scenes import flat_box, views
 from volume_batches import BATCHES, assert_same, engine_batches
 
 import specklegen as sg
-from specklegen.paths.chunks import Chunks
 
 SCENE = flat_box([0.0, 4.0], views([0, 4, 180]), half=5.0, mean_free_path=5.0)
 BEAMS = sg.CollimatedBeams.tilts([0.0, 0.05], width=4.0, dimensions=2)
@@ -22,18 +21,6 @@ SCENES = {
         medium=sg.Slab(thickness=9.0, mean_free_path=5.0, scatterer=sg.Isotropic()), illumination=BEAMS
     ),
 }  # fmt: skip
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_renders_are_functions_of_seed_and_number(name):
-    scene = SCENES[name]
-    stack = sg.render(scene, paths=300, realizations=3, seed=5, threads=1)
-    assert stack.field.shape == (3, 2, *scene.sensor.shape)
-    assert np.isfinite(stack.field).all()
-    two = sg.render(scene, paths=300, realizations=2, seed=5, threads=2)
-    np.testing.assert_array_equal(two.field, stack.field[:2])
-    one = sg.render(scene, paths=300, seed=5)
-    np.testing.assert_array_equal(one.field, stack.field[0])
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -56,14 +43,6 @@ def test_images_have_the_covariance(sampler):
     assert_same(drawn, engine_batches(SCENE, 300, reverse=True, seed=7))
     with pytest.raises(AssertionError, match="z ="):
         assert_same(1.5 * drawn, engine_batches(SCENE, 300, reverse=True, seed=7))
-
-
-def test_chunks_of_paths_join(monkeypatch):
-    """In one piece or in several, the same field to rounding."""
-    whole = sg.render(SCENE, paths=300, seed=8, reverse=True).field
-    monkeypatch.setattr(Chunks, "count", 3)
-    parts = sg.render(SCENE, paths=300, seed=8, reverse=True).field
-    np.testing.assert_allclose(parts, whole, rtol=0, atol=1e-6 * np.abs(whole).max())
 
 
 def test_an_incoherent_object_is_drawn_from_the_covariance_of_its_beams():

@@ -110,16 +110,6 @@ def test_every_link_inside_the_site_leads_somewhere(site):
     assert lost == []
 
 
-@pytest.mark.slow
-def test_links_to_other_sites_are_well_formed(site):
-    """Nobody follows them here: tests use no network. `make linkcheck` does."""
-    ours = [page for page in site.rglob("*.html") if page.relative_to(site).parts[0] not in ("_static", "_modules")]
-    found = {link for page in ours for link in Links(page.read_text()).links if urlsplit(link).netloc}
-    assert found
-    for link in found:
-        assert re.fullmatch(r"https://([a-z0-9-]+\.)+[a-z]{2,}(/\S*)?", link), link
-
-
 @pytest.fixture(scope="module")
 def address(site):
     """Where the site is served to this machine alone."""
@@ -246,12 +236,4 @@ def seen(url: str, profile: Path) -> tuple[str, list[str]]:
 def test_a_page_is_shown_without_an_error(page, address, tmp_path):
     text, complaints = seen(f"{address}/{page}", tmp_path)
     assert PAGES[page] in re.sub(r"<[^>]+>", "", text)
-    assert complaints == []
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here")
-def test_the_search_finds_a_page(address, tmp_path):
-    text, complaints = seen(f"{address}/search.html?q=backscattering", tmp_path)
-    assert "validation.html" in text
     assert complaints == []

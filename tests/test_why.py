@@ -1,6 +1,6 @@
 """What scripts/figures/why.py trains networks on, by closed forms and by waves, and how it counts."""
 
-from itertools import count, islice
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -36,19 +36,6 @@ def test_patterns_have_the_grain_of_a_square_window(images):
     for along in (0, 1, 2, 3):
         assert_mean(covariance(patterns, along), np.sinc(along / 2) ** 2)
     refute_mean(covariance(patterns, 1), np.sinc(1 / 2.2) ** 2)
-
-
-def test_rows_are_beads_of_one_diameter_with_gaps(images):
-    rng = np.random.default_rng(2)
-    for diameter in images.DIAMETERS:
-        edges = [np.flatnonzero(np.diff(images.row(rng, diameter))) + 1 for _ in range(50)]
-        lit = np.concatenate([np.diff(e) for e in edges])
-        assert (lit == diameter).any()
-        assert lit.min() >= 1
-        for found in islice((images.row(rng, diameter) for _ in count()), 20):
-            starts = np.flatnonzero(np.diff(found) > 0)[:-1] + 1
-            assert all(found[n : n + diameter].all() for n in starts)
-            assert not any(found[n + diameter] for n in starts if n + diameter < len(found))
 
 
 @pytest.mark.parametrize("kind", ["fresh", "one"])
@@ -121,16 +108,6 @@ def basis(told):
     return np.stack([time**n for n in range(5)], 1)
 
 
-def test_samples_are_made_by_number_and_by_time(why):
-    images, within, spent = why.made(((np.ones(2), n) for n in count()), lambda x: x, 7, 0.0)
-    assert (len(images.told), within) == (7, 1)
-    assert spent > 0
-    images, within, _ = why.made(((np.ones(2), n) for n in count()), lambda x: x, 3, 0.02)
-    assert len(images.told) == within + 1  # the last one came too late
-    images, within, _ = why.made(((np.ones(2), n) for n in range(5)), lambda x: x, 5, np.inf)
-    assert (len(images.told), within) == (5, 5)
-
-
 def test_networks_beside_each_other_learn_what_each_is_told(why, monkeypatch):
     monkeypatch.setattr(why, "WIDTH", 16)
     rng = np.random.default_rng(7)
@@ -143,16 +120,6 @@ def test_networks_beside_each_other_learn_what_each_is_told(why, monkeypatch):
     guessed = why.trained([why.Images(seen, numbers)], 2, 300)(seen)[0]
     assert np.corrcoef(guessed[:, 0], numbers[:, 0])[0, 1] > 0.9
     assert np.isfinite(guessed).all()
-
-
-def test_seeds_widen_an_interval(why):
-    media = np.repeat(np.arange(6), 10)
-    rng = np.random.default_rng(8)
-    right = rng.random(60) < 0.7
-    alike = why.interval([right, right, right], media)
-    apart = why.interval([right, np.ones(60, bool), np.zeros(60, bool)], media)
-    assert apart[2] - apart[1] > alike[2] - alike[1]
-    assert alike[0] == pytest.approx(right.mean())
 
 
 def test_no_row_is_of_two_classes(images, tmp_path):

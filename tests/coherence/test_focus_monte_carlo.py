@@ -141,18 +141,6 @@ def test_profile_from_stratified_rays(sigma, averaging):
     assert math.sqrt(np.mean(squared)) < 1e-3
 
 
-def test_residual_of_uniform_rays():
-    """c_r = rms error of S(x)/S(0) times sqrt(rays): 20.4 to first order, not the 30.1 of the paper."""
-    system = focus()
-    exact, _ = profile(propagate_csd(quadrature(system, "uniform")[0], source(system, 0.6)))
-    squared = []
-    for seed in range(16):
-        value = system.monte_carlo(2 * 10**5, "uniform", seed=seed).value
-        S, _ = profile(propagate_csd(value, source(system, 0.6)))
-        squared.append(2 * 10**5 * np.sum((S - exact) ** 2) / 200)
-    assert 15 < math.sqrt(np.mean(squared)) < 28
-
-
 # Purity
 @pytest.mark.parametrize("sampling", ["uniform", "stratified"])
 def test_same_seed_same_bits_for_any_number_of_threads(sampling):

@@ -2,13 +2,10 @@
 
 import ast
 import dataclasses
-import multiprocessing
 import os
-import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +20,7 @@ from scenes import ROOT, flat_box, views
 import specklegen as sg
 from specklegen import disk_cache
 from specklegen.core import cached_results, libraries
-from specklegen.core.cached_results import cached_result, file_name, packed, unpacked
+from specklegen.core.cached_results import file_name, packed, unpacked
 
 SLAB = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
 BEAMS = sg.CollimatedBeams.tilts([0.0, 1e-4, 3e-4], width=5000.0)
@@ -166,37 +163,6 @@ def test_a_sample_of_another_process_has_the_same_bits(cache):
 
 
 RACERS, RACED = 4, 200
-
-
-def raced(wait: Callable[[], object] = lambda: None) -> tuple[str, int]:
-    """Return the digest of all that a process computes, and how many files it wrote."""
-
-    def compute(n: int) -> np.ndarray:
-        wait()  # for the others, which are about to write the same
-        return np.full(500, n / 7)
-
-    results = [cached_result(np.ndarray, ("raced", n), lambda n=n: compute(n)).tobytes() for n in range(RACED)]
-    return disk_cache.name_of(results, outcome("path sums"), outcome("hidden")), max(disk_cache._written.values())
-
-
-def test_processes_that_write_into_one_empty_folder_at_once_leave_what_one_leaves(cache, monkeypatch):
-    """The same plans, stacks and files to the byte, none half written; and no write of any process failed."""
-    alone, _ = raced()
-    written = {file: file.read_bytes() for file in files(cache)}
-    shutil.rmtree(cache / "pilots")
-    monkeypatch.setattr(disk_cache, "_written", {})
-    fork = multiprocessing.get_context("fork")  # kernels are loaded
-    start, answers = fork.Barrier(RACERS, timeout=120), fork.Queue()
-    processes = [fork.Process(target=lambda: answers.put(raced(start.wait)), daemon=True) for _ in range(RACERS)]
-    for process in processes:
-        process.start()
-    results = [answers.get(timeout=300) for _ in processes]
-    for process in processes:
-        process.join()
-    assert [digest for digest, _ in results] == [alone] * RACERS
-    assert max(number for _, number in results) < disk_cache.MOST_OF_A_PROCESS
-    assert len(written) > RACED
-    assert {file: file.read_bytes() for file in files(cache)} == written
 
 
 def test_a_result_is_of_one_question_one_package_and_one_machine(monkeypatch):

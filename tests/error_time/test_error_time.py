@@ -241,14 +241,6 @@ def test_page_finds_slope_and_crossing():
     assert not tables.found_crossings(synthetic_rows(), "transmission-g0-od10", "intensity")
 
 
-def test_the_bound_of_a_ratio_is_met_or_not():
-    row = {"median": 2.0, "must": 3.0, "aim": 1.0, "more_is_better": False}
-    assert [tables._bound(row, key) for key in ("must", "aim")] == ["≤ 3: yes", "≤ 1: **no**"]
-    row["more_is_better"] = True
-    assert [tables._bound(row, key) for key in ("must", "aim")] == ["≥ 3: **no**", "≥ 1: yes"]
-    assert tables._bound(row | {"aim": None}, "aim") == ""
-
-
 def test_truths_of_the_calibration_are_ten_times_sharper_than_its_runs():
     samplers = {sampler.name: sampler for sampler in SAMPLERS}
     for name, scene, paths in calibration.CASES:

@@ -92,31 +92,6 @@ def test_first_order_is_never_enough():
         assert measured[1] == pytest.approx(forward, rel=0.1)
 
 
-# Table B3c: no sampling; (sigma, modulated): (back, forward), and V/4 for the modulated pulse.
-UNIFORM = {(0.003, True): (0.0183, 0.0023, 0.0022), (0.01, True): (0.2229, 0.0258, 0.0247),
-           (0.03, True): (4.867, 0.2470, 0.2221), (0.06, True): (177.0, 1.172, 0.888),
-           (0.003, False): (0.0002, 0.0001, None), (0.01, False): (0.0025, 0.0006, None),
-           (0.03, False): (0.0221, 0.0054, None), (0.06, False): (0.0879, 0.0208, None)}  # fmt: skip
-
-
-@pytest.mark.parametrize("row", UNIFORM)
-def test_uniform_random_layer_without_sampling(row):
-    """L_c = inf: the exact mean is a Gauss-Hermite sum over one normal; all digits of the table."""
-    sigma, modulated = row
-    back, forward, quarter_v = UNIFORM[row]
-    layer = RandomLayer(correlation_length=np.inf, rms_index=sigma)
-    incidence = illuminate(layer, Pulse(modulated=modulated))
-    x, weight = np.polynomial.hermite_e.hermegauss(80)
-    kappa = np.repeat((1 + sigma / 1.45 * x[:, None]) ** 2 - 1, 1500, axis=1)
-    r, t = (weight / weight.sum() @ v for v in transfer_matrix(kappa, incidence.omega, incidence.courant))
-    band = np.abs(incidence.spectrum)
-    mean_r, mean_t = born(layer.moments(), incidence, 2)
-    assert rel(band * mean_r, band * r) == pytest.approx(back, rel=2e-3, abs=5.1e-5)
-    assert rel(band * mean_t, band * (t - 1)) == pytest.approx(forward, rel=2e-3, abs=5.1e-5)
-    if quarter_v:
-        assert phase_variance(layer, REFERENCE_K0) / 4 == pytest.approx(quarter_v, rel=2e-3, abs=5.1e-5)
-
-
 NORMS = {  # r2, t2 over the incident rms, sigma_n = .03, modulated
     0.02: (1.7296e-4, 1.0657e-2),
     0.1: (6.8431e-4, 3.3094e-2),

@@ -106,11 +106,6 @@ def test_it_is_that_of_its_paths(empty_cache):
         found.weights[0, 0] = 1.0
 
 
-def test_media_that_differ_are_independent(empty_cache):
-    """One seed for all media would make the errors of a material's neighbours alike."""
-    assert medium_seed(slab()) != medium_seed(slab(albedo=0.999))
-
-
 def test_the_atlas_serves_unless_paths_are_asked_for(empty_cache, traced):
     stated = atlas_errors(slab())
     made = sg.plan(scene())

@@ -9,7 +9,6 @@ from scenes import slab as slab_of_depth
 from scipy.special import j0
 from scipy.stats import chi2, norm
 from scipy.stats import t as student
-from slab_sums import wave_layout
 from zscore import FALSE_ALARM, assert_mean, assert_z, refute_mean, refute_z
 
 import specklegen as sg
@@ -19,8 +18,6 @@ from specklegen.memory_effects.correlation import axial_tracer, estimate_correla
 from specklegen.memory_effects.curve import _dark
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.proposal import plane_proposal
-from specklegen.paths.slab_tracer import trace
 from specklegen.theory import slab as theory
 
 THICKNESS, WAVELENGTH = 1000.0, 0.5
@@ -152,25 +149,6 @@ def test_mean_square_distance(optical_depth, g, expected):
     sums = np.stack([kernel.weights @ kernel.radius**2, kernel.weights.sum(axis=1)], 1)
     value, error = jackknife(sums, lambda total: total[0] / total[1])
     assert_z(value / THICKNESS**2, expected, error / THICKNESS**2, degrees=DEGREES, slack=0.005)
-
-
-@pytest.mark.parametrize("optical_depth", [1, 10])
-def test_the_tiniest_tilt_has_its_parabola(optical_depth):
-    """1 - C_I = (k theta)^2 <r^2>/2 at 1e-9 rad, neither 0 nor NaN, against an independent <r^2>."""
-    medium, k = slab(optical_depth, 0.9), 2 * np.pi / WAVELENGTH
-    theta = np.array([1e-9, 1e-12])
-    found = sg.memory_effect(medium, wavelength=WAVELENGTH, tilts=theta, paths=200_000, seed=1)
-    bank = trace(medium, plane_proposal(medium, AXIS, AXIS), 2, 64 * 1000)
-    w = contributions(wave_layout(medium, 1.0, AXIS[None]), bank)
-    r2 = np.square(bank.exit[:, :2] - bank.entry[:, :2]).sum(axis=1)
-    batch = bank.paths // 1000
-    sums = np.stack([np.bincount(batch, w * r2), np.bincount(batch, w)], 1)
-    mean, error = jackknife(sums, lambda total: total[0] / total[1])
-    scale = (k * theta) ** 2 / 2
-    combined = np.hypot(found.standard_error / scale, error)
-    assert_z(found.decorrelation / scale, mean, combined, degrees=DEGREES)
-    # Both tilts see the same paths, so that their ratio has no noise at all.
-    assert found.decorrelation[1] / found.decorrelation[0] == pytest.approx(1e-6, rel=1e-9)
 
 
 def test_the_tiniest_tilt_off_the_axis_keeps_its_sense():

@@ -95,17 +95,6 @@ def test_a_planned_render_is_right_within_its_error(albedo, depth):
     refute_z(1.9 * found, 1.0, error)
 
 
-# ---- Refused -------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("albedo", "depth"), [(0.5, 40.0), (0.9, 30.0), (0.9, 100.0)])
-def test_paths_that_are_not_drawn_across_are_refused(albedo, depth):
-    medium = slab(albedo, depth)
-    with pytest.raises(RuleError, match="memory_effect paths must be enough that light crosses.*reverse=False"):
-        sg.memory_effect(medium, wavelength=0.5, tilts=[0.0], reverse=True)
-    assert_refused(lambda: sg.plan(scene(medium), paths=100_000, reverse=True), "plan paths must be enough")
-    with pytest.raises(RuleError, match="covariance paths must be enough.*render or memory_effect"):
-        sg.covariance(scene(medium), paths=1000, pairs=[[0, 0, 0, 0]])
-
-
 @pytest.mark.parametrize("made", [
     seen(box(0.9, 40.0), AHEAD), seen(box(0.9, 40.0, dimensions=2), [0.0, 1.0]),
     scene(slab(0.9, 40.0), sg.NearField(points=[[0.0, 0.0, 1100.0]])),
@@ -186,12 +175,3 @@ def test_views_that_are_lit_alike_are_not():
         sg.covariance(seen(box(1.0, 5.0), BACK, AHEAD), paths=2000, reverse=False)
         sg.render(seen(box(0.9, 2.0), BACK, AHEAD, ASIDE), paths=2000, reverse=False)
     assert [str(each.message) for each in said if issubclass(each.category, DoubtWarning)] == []
-
-
-def test_memory_effect_names_what_serves_a_box():
-    box = sg.Box(lower=np.zeros(3), upper=np.array([10.0, 10.0, 1000.0]), mean_free_path=100.0,
-                 scatterer=sg.Isotropic())  # fmt: skip
-    grid = sg.VoxelGrid(lower=box.lower, upper=box.upper, extinction=np.ones((2, 2, 2)), scatterers=(sg.Isotropic(),))
-    for medium in (box, grid, scene(slab(1.0, 1.0))):
-        with pytest.raises(RuleError, match="must be a Slab or Layers, which.*covariance.*render"):
-            sg.memory_effect(medium, wavelength=0.5, tilts=[0.0])  # type: ignore[arg-type]

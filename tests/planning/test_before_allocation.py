@@ -163,12 +163,6 @@ def test_an_image_that_nobody_waits_for_is_refused_before_it_is_made(monkeypatch
     assert_refused(lambda: recipe.sample(0, "train", 1), "^object_imaging must be done within")
 
 
-def test_the_cost_of_an_image_is_told_before_it_is_made(monkeypatch, caplog):
-    monkeypatch.setattr(budgets, "TOLD_SECONDS", 1e-9)
-    load_recipe("unknown-slab", {"camera": {"shape": [64, 64]}, "objects": {"shape": [16, 16]}}).sample(0, "train", 0)
-    assert any("object_imaging: about" in message for message in caplog.messages)
-
-
 def test_paths_that_do_not_fit_are_named():
     """They were refused as tilts and views, of which there were few."""
     with pytest.raises(RuleError, match=f"{10**12} paths'. Render fewer tilts or fewer views or paths"):

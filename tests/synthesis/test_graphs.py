@@ -44,20 +44,6 @@ def test_replays_give_the_bits_of_the_functions(name, monkeypatch):
     assert plain.report()["graphs"] == "none"
 
 
-def test_a_thousand_replays(monkeypatch):
-    """Of one graph, results spoilt before each: with other numbers every time."""
-    recipe = load_recipe("through-slab", RECIPES["through-slab"])
-    monkeypatch.setattr(generator, "CHUNK", 1)
-    plain, graphed = SpeckleGenerator(recipe, 3), SpeckleGenerator(recipe, 3)
-    graphed.run = Graphs(CPU, StandIn())
-    plain.one_by_one = graphed.one_by_one = False  # as on CUDA
-    for numbers in np.random.default_rng(1).integers(0, 2**40, (4, 250)):
-        assert torch.equal(graphed(numbers)["image"], plain(numbers)["image"])
-    found = graphed.run.kept.values()
-    assert sum(each.graph.replays for each in found) == 1000 + len(found)
-    assert len(found) <= 3, "one for each group of media"
-
-
 def doubled(x):
     return torch.arange(len(x)) + 2 * x
 

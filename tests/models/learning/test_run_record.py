@@ -69,18 +69,6 @@ def test_a_larger_budget_goes_on(tmp_path):
     assert checkpoint(tmp_path)["epoch"] > first["epoch"]
 
 
-def test_a_run_of_a_version_that_recorded_no_data_is_refused(tmp_path):
-    train(SETTINGS, DATA, HELD_OUT, tmp_path, stop_after=1)
-    state = checkpoint(tmp_path)
-    del state["record"]
-    torch.save(state, tmp_path / "checkpoint.pt")
-    assert_refused(lambda: train(SETTINGS, DATA, HELD_OUT, tmp_path), "says what it was made with")
-
-
-def test_validation_on_the_training_examples_is_refused(tmp_path):
-    assert_refused(lambda: train(SETTINGS, DATA, DATA, tmp_path), "not trained on")
-
-
 def test_another_stream_does_not_go_on_with_a_run(tmp_path):
     """Streams are known by recipe, seed and split, named one by one."""
 

@@ -215,12 +215,6 @@ def test_shares_of_extents():
     assert np.allclose(np.exp(found.numpy() @ np.log(extents())), extent, rtol=1e-4)
 
 
-def test_one_memory_effect_for_each_image_of_a_fit():
-    _, seen, optics, _, _ = drawn(2)
-    with pytest.raises(RuleError, match="fit_range memory must be one for each of 2 objects"):
-        fit_range(told(np.ones(2)), seen, optics, [through_slab(1.0)])  # type: ignore[arg-type]
-
-
 def test_what_a_camera_measures():
     """Noise is read off the image, and agrees with the photons of the recipe."""
     recipe = load_recipe("one-angular-size", {"exposure": {"photons": 20.0, "bit_depth": None}, "media_group": 4})

@@ -53,15 +53,6 @@ def test_a_finished_run_stays_as_it_is(whole):
     assert torch.equal(weights(model), weights(Reconstructor.load(whole / "best.pt")))
 
 
-def test_other_settings_need_another_folder(whole):
-    with pytest.raises(ValueError, match="that of a run with these settings"):
-        train(SETTINGS.replace(learning_rate=1e-4), DATA, HELD_OUT, whole)
-
-
-def test_the_residual_net_takes_no_camera_images():
-    assert_refused(lambda: Training(network="residual", input="camera"), r"Training\.input must be")
-
-
 @pytest.mark.parametrize("device", ["gpu", "meta", *([] if torch.cuda.is_available() else ["cuda"])])
 def test_a_device_that_is_not_there_is_named_before_anything_is_written(tmp_path, device):
     with pytest.raises(ValueError, match=f"train device must be a device that torch has here; got '{device}'"):
@@ -198,10 +189,6 @@ def test_a_started_network_has_seen_what_both_have(whole, tmp_path):
     assert seen_by([alone.trained_on]) == seen_by([mine])
     assert set("TV") <= seen_by([mine])
     assert not set("AE") & seen_by([mine])
-
-
-def test_an_unknown_loss_is_refused_with_the_settings():
-    assert_refused(lambda: SETTINGS.replace(loss="mean"), "loss must be one of")
 
 
 def test_saved_model_is_the_model(tmp_path, whole):
