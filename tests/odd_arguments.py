@@ -252,10 +252,8 @@ def verbs() -> Iterator[Call]:
     shared = VERB | {"reverse": "auto"}
     yield Call(
         "plan", sg.plan,
-        {
-            "scene": SCENE, "paths": 200, "rel_error": None, "sampler": "auto", "reverse": "auto", "mean": False,
-            "field_tolerance": 1e-3, "streamed": False, "envelope": True, "realizations": 3, "threads": 1,
-        },
+        {"scene": SCENE, "paths": 200, "rel_error": None, "sampler": "auto", "reverse": "auto", "mean": False,
+         "field_tolerance": 1e-3, "streamed": False, "envelope": True, "realizations": 3, "threads": 1},
     )  # fmt: skip
     drawn = {"sampler": "auto", "field_tolerance": 1e-3}
     for sampler in ("paths", "stationary"):
@@ -286,10 +284,8 @@ def verbs() -> Iterator[Call]:
     for mode in ("transmission", "reflection"):
         yield Call(
             f"memory_effect in {mode}", sg.memory_effect,
-            {
-                "medium": SLAB, "mode": mode, "view": [0.0, 0.0, 1.0 if mode == "transmission" else -1.0],
-                "tolerance": 0.02,
-            }
+            {"medium": SLAB, "mode": mode, "view": [0.0, 0.0, 1.0 if mode == "transmission" else -1.0],
+             "tolerance": 0.02}
             | effect
             | shared,
         )  # fmt: skip
@@ -321,10 +317,8 @@ def verbs() -> Iterator[Call]:
     yield Call("covariance_blocks", sg.covariance_blocks, {"scene": SCENE, "rows": 2, "tolerance": 0.02} | shared)
     yield Call(
         "stack_like", sg.stack_like,
-        {
-            "slab": SLAB.replace(scatterer=sg.HenyeyGreenstein(g=0.98)), "wavelength": 0.5, "screens": 2, "paths": 500,
-            "seed": 0,
-        },
+        {"slab": SLAB.replace(scatterer=sg.HenyeyGreenstein(g=0.98)), "wavelength": 0.5, "screens": 2, "paths": 500,
+         "seed": 0},
     )  # fmt: skip
     yield Call("render_tiles", sg.render_tiles,
                {"scene": SCENE, "realization": 0, "mean": False} | shared | drawn | {"sampler": "paths"})  # fmt: skip
@@ -366,10 +360,8 @@ def others() -> Iterator[Call]:
     yield Call("materials.draw", materials.draw, skin | {"seed": 0}, ("name",))
     yield Call(
         "materials.memory_range", materials.memory_range,
-        {
-            "name": "intralipid", "wavelength": 0.633, "thickness": 500.0, "outside": (1.0, None), "unit": 1e-6,
-            "draws": 1, "paths": 300, "seed": 0, "lobe": None,
-        },
+        {"name": "intralipid", "wavelength": 0.633, "thickness": 500.0, "outside": (1.0, None), "unit": 1e-6,
+         "draws": 1, "paths": 300, "seed": 0, "lobe": None},
         ("name",),
     )  # fmt: skip
     for name, given in {
@@ -441,10 +433,8 @@ def others() -> Iterator[Call]:
                ("seed", "split", "indices"))  # fmt: skip
     yield Call(
         "SpeckleStream", SpeckleStream,
-        {
-            "recipe": recipe(), "seed": 0, "split": "train", "batch_size": 2, "rank": 0, "world": 1, "drop_last": False,
-            "device": "cpu", "graphs": True,
-        },
+        {"recipe": recipe(), "seed": 0, "split": "train", "batch_size": 2, "rank": 0, "world": 1, "drop_last": False,
+         "device": "cpu", "graphs": True},
     )  # fmt: skip
     cache = SpeckleCache(stored())
     yield Call("SpeckleCache.shuffled", cache.shuffled, {"batch_size": 2, "seed": 0, "buffer_shards": 1})
@@ -462,19 +452,15 @@ def others() -> Iterator[Call]:
     yield Call("models.scores", models.scores, {"image": IMAGES, "target": IMAGES})
     yield Call(
         "models.bootstrap", models.bootstrap,
-        {
-            "values": np.arange(6.0), "media": np.arange(6) % 3, "characters": None, "confidence": 0.9, "resamples": 50,
-            "seed": 0,
-        },
+        {"values": np.arange(6.0), "media": np.arange(6) % 3, "characters": None, "confidence": 0.9, "resamples": 50,
+         "seed": 0},
     )  # fmt: skip
     yield Call("models.measured_memory_effect", models.measured_memory_effect,
                {"distance": [0.0, 1.0, 2.0, 3.0], "values": [1.0, 0.8, 0.4, 0.1]})  # fmt: skip
     yield Call(
         "models.retrieve", models.retrieve,
-        {
-            "autocorrelation": IMAGES[0], "retrieval": models.Retrieval(restarts=2, steps=3, error_reduction=1),
-            "memory_effect": torch.ones(32, 32), "transfer": None, "seed": 0, "threads": 1,
-        },
+        {"autocorrelation": IMAGES[0], "retrieval": models.Retrieval(restarts=2, steps=3, error_reduction=1),
+         "memory_effect": torch.ones(32, 32), "transfer": None, "seed": 0, "threads": 1},
     )  # fmt: skip
     yield Call("models.Optics", models.Optics,
                {"step": 0.1, "grain": 0.4, "profile": "square", "pixel_integration": False})  # fmt: skip
@@ -532,11 +518,9 @@ def waves() -> Iterator[Call]:
     )  # fmt: skip
     yield Call(
         "coverage", wavetracing.coverage,
-        {
-            "geometry": geometry, "transmitter": wavetracing.Transmitter(position=[0.0, 0.0, -5.0], power=1.0),
-            "plane": PLANE, "frequency": 3e9, "method": "wave", "gain": 1.0, "beams": 20, "seed": 0, "max_events": 4,
-            "diffraction": "fraunhofer", "threads": 1,
-        },
+        {"geometry": geometry, "transmitter": wavetracing.Transmitter(position=[0.0, 0.0, -5.0], power=1.0),
+         "plane": PLANE, "frequency": 3e9, "method": "wave", "gain": 1.0, "beams": 20, "seed": 0, "max_events": 4,
+         "diffraction": "fraunhofer", "threads": 1},
     )  # fmt: skip
     yield Call("Mesh", wavetracing.Mesh,
                {"vertices": mesh.vertices, "faces": mesh.faces, "material": wavetracing.Absorber()})  # fmt: skip
@@ -548,46 +532,34 @@ def waves() -> Iterator[Call]:
     yield Call("itu_permittivity", wavetracing.itu_permittivity, {"name": "concrete", "frequency": 3e9})
     yield Call(
         "sample_pattern", wavetracing.sample_pattern,
-        {
-            "opening": SQUARE, "count": 3, "seed": 0, "method": "rejection", "amplitude": 1.0, "wavelength": 0.1,
-            "threads": 1,
-        },
+        {"opening": SQUARE, "count": 3, "seed": 0, "method": "rejection", "amplitude": 1.0, "wavelength": 0.1,
+         "threads": 1},
     )  # fmt: skip
     yield Call(
         "sample_slits", wavetracing.sample_slits,
-        {
-            "widths": [1.0, 1.0], "centres": [-2.0, 2.0], "phases": [0.0, 0.0], "count": 3, "seed": 0,
-            "wavelength": 0.1, "threads": 1,
-        },
+        {"widths": [1.0, 1.0], "centres": [-2.0, 2.0], "phases": [0.0, 0.0], "count": 3, "seed": 0, "wavelength": 0.1,
+         "threads": 1},
     )  # fmt: skip
     yield Call(
         "coherent_rays", wavetracing.coherent_rays,
-        {
-            "geometry": geometry, "source": EMITTER, "points": [[0.0, 0.0, 5.0]], "reflections": 1, "diffractions": 1,
-            "polarisation": "soft",
-        },
+        {"geometry": geometry, "source": EMITTER, "points": [[0.0, 0.0, 5.0]], "reflections": 1, "diffractions": 1,
+         "polarisation": "soft"},
     )  # fmt: skip
     yield Call(
         "coherent_paths", wavetracing.coherent_paths,
-        {
-            "geometry": geometry, "source": EMITTER, "point": [0.0, 0.0, 5.0], "reflections": 1, "diffractions": 1,
-            "polarisation": "soft", "surfaces": "perfect",
-        },
+        {"geometry": geometry, "source": EMITTER, "point": [0.0, 0.0, 5.0], "reflections": 1, "diffractions": 1,
+         "polarisation": "soft", "surfaces": "perfect"},
     )  # fmt: skip
     for method in ("boundary", "spectrum", "utd", "fraunhofer"):
         yield Call(
             f"field_on_plane by {method}", wavetracing.field_on_plane,
-            {
-                "opening": SQUARE, "light": WAVE, "plane": PLANE, "method": method, "polarisation": "soft",
-                "padding": 2.0, "shift": [0.0] * 3, "rotation": np.eye(3), "threads": 1,
-            },
+            {"opening": SQUARE, "light": WAVE, "plane": PLANE, "method": method, "polarisation": "soft", "padding": 2.0,
+             "shift": [0.0] * 3, "rotation": np.eye(3), "threads": 1},
         )  # fmt: skip
     yield Call(
         "trace", wavetracing.trace,
-        {
-            "geometry": geometry, "emitter": EMITTER, "planes": PLANE, "beams": 20, "seed": 0, "mode": "wave",
-            "diffraction": "fraunhofer", "amplitude": "auto", "max_events": 4, "threads": 1,
-        },
+        {"geometry": geometry, "emitter": EMITTER, "planes": PLANE, "beams": 20, "seed": 0, "mode": "wave",
+         "diffraction": "fraunhofer", "amplitude": "auto", "max_events": 4, "threads": 1},
     )  # fmt: skip
     wedge = {"n": 1.5, "phi": [1.0], "incidence": [0.5], "distance": [10.0], "k": 6.0}
     yield Call("lossy_wedge_field", wavetracing.lossy_wedge_field, wedge | {"permittivity": 4 + 1j, "boundary": "soft"})

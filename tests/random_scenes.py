@@ -153,10 +153,8 @@ def faced_scenes(draw) -> sg.Scene:
     )
     return sg.Scene(
         wavelength=wavelength, medium=draw(slabs(wavelength)).replace(faces=faces),
-        illumination=sg.CollimatedBeams(
-            directions=lights, width=wavelength * draw(powers(0, 4)),
-            profile=draw(st.sampled_from(["square", "disc", "gaussian"])),
-        ),
+        illumination=sg.CollimatedBeams(directions=lights, width=wavelength * draw(powers(0, 4)),
+                                        profile=draw(st.sampled_from(["square", "disc", "gaussian"]))),
         sensor=sg.FarField(directions=views),
     )  # fmt: skip
 
@@ -200,9 +198,8 @@ def screen_scenes(draw) -> sg.Scene:
     step = draw(powers(-9, -1))
     return sg.Scene(
         wavelength=wavelength, medium=medium,
-        illumination=sg.CollimatedBeams.tilts(
-            step * np.arange(lights), width=width, times=np.arange(lights) if moving else None,
-            profile=draw(st.sampled_from(["square", "disc", "gaussian"])),
-        ),
+        illumination=sg.CollimatedBeams.tilts(step * np.arange(lights), width=width,
+                                              times=np.arange(lights) if moving else None,
+                                              profile=draw(st.sampled_from(["square", "disc", "gaussian"]))),
         sensor=sg.FarField.grid((draw(st.integers(1, 8)), 8), pitch=draw(powers(-9, -1.2))),
     )  # fmt: skip

@@ -25,9 +25,8 @@ def flat_box(lights, sensor, *, half=10.0, mean_free_path=10.0, scatterer=ISOTRO
     """Lights at angles in degrees on a square box in flatland, wavelength 1."""
     return sg.Scene(
         wavelength=1.0,
-        medium=sg.Box(
-            lower=[-half] * 2, upper=[half] * 2, mean_free_path=mean_free_path, scatterer=scatterer, **medium
-        ),
+        medium=sg.Box(lower=[-half] * 2, upper=[half] * 2, mean_free_path=mean_free_path, scatterer=scatterer,
+                      **medium),
         illumination=sg.PlaneWaves.tilts(np.deg2rad(lights), dimensions=2), sensor=sensor,
     )  # fmt: skip
 

@@ -212,10 +212,9 @@ def test_memory_effect_of_any_slab(count):
         with strict():
             found = result_or_refusal(
                 ("view + tilts", "memory_effect medium", ABSORBED),  # beyond grazing; nothing scattered
-                lambda: sg.memory_effect(
-                    medium, wavelength=wavelength, tilts=[0.0, *tilts, *tilts[:1]], mode=mode, paths=paths
-                ),
-            )
+                lambda: sg.memory_effect(medium, wavelength=wavelength, tilts=[0.0, *tilts, *tilts[:1]], mode=mode,
+                                         paths=paths),
+            )  # fmt: skip
         if found is None:
             return
         dark = np.isnan(found.intensity)

@@ -17,9 +17,8 @@ SCENES = {
     "voxels": SCENE.replace(
         medium=sg.VoxelGrid(lower=[-5, -5], upper=[5, 5], extinction=[[0.1, 0.2]], scatterers=(sg.Isotropic(),))
     ),
-    "slab": SCENE.replace(
-        medium=sg.Slab(thickness=9.0, mean_free_path=5.0, scatterer=sg.Isotropic()), illumination=BEAMS
-    ),
+    "slab": SCENE.replace(medium=sg.Slab(thickness=9.0, mean_free_path=5.0, scatterer=sg.Isotropic()),
+                          illumination=BEAMS),
 }  # fmt: skip
 
 

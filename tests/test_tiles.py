@@ -23,9 +23,8 @@ def scene(shape=(40, 33), tilts=5, side="transmission", width=2e4) -> sg.Scene:
 
 CASES = {
     "nufft": (scene(), {"sampler": "paths", "paths": 3000}),
-    "reversed, summed directly": (
-        scene((20, 17), 2, "reflection", 40.0), {"sampler": "paths", "paths": 200, "reverse": True},
-    ),
+    "reversed, summed directly": (scene((20, 17), 2, "reflection", 40.0),
+                                  {"sampler": "paths", "paths": 200, "reverse": True}),
     "stationary": (scene(), {"sampler": "stationary", "paths": 3000}),
 }  # fmt: skip
 

@@ -151,10 +151,9 @@ def test_two_calls_report_what_each_has_rendered(tmp_path):
     """Together the whole, and no more: what the other did is not counted."""
     words = ["generate", "through-slab", "--out", "both.zarr", "--samples", "32", "--processes", "1", *SMALL]
     calls = [
-        subprocess.Popen(
-            [sys.executable, "-m", "specklegen", *words], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
-            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-        )
+        subprocess.Popen([sys.executable, "-m", "specklegen", *words], cwd=tmp_path,
+                         env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                         text=True)
         for _ in range(2)
     ]  # fmt: skip
     said = [call.communicate(timeout=300)[0] for call in calls]

@@ -109,11 +109,10 @@ def narrow():
     source = gaussian_schell_object(WAVELENGTH, 0.5 * width, width)
     samplers: tuple[tuple[Sampler, int, int], ...] = (("paths", PATHS, 5), ("stationary", 20_000, 8))
     stacks = {
-        sampler: render_partially_coherent(
-            scene(MILK, width), 0.5 * width, sampler=sampler, paths=paths, realizations=REALIZATIONS * many, threads=1
-        )
+        sampler: render_partially_coherent(scene(MILK, width), 0.5 * width, sampler=sampler, paths=paths,
+                                           realizations=REALIZATIONS * many, threads=1)
         for sampler, paths, many in samplers
-    }
+    }  # fmt: skip
     return source, width, stacks
 
 

@@ -81,24 +81,19 @@ SHOWN = {
     "wavevectors of an opening": lambda: wavetracing.Pattern(RANDOM.normal(size=(200, 2)), 300, 0, 0),
     "Green's function": lambda: coherence.GreensMatrix(FACES[0] + 1j, FACES[1]),
     "scattered field": lambda: fdtd.ScatteredField(TIME, np.sin(TIME), np.sin(TIME), np.cos([TIME, TIME])),
-    "mean field": lambda: fdtd.MeanField(
-        TIME, np.sin(TIME), np.sin(TIME), np.cos(TIME), back_error=0.1 * TIME, forward_error=0.2 * TIME, realizations=3,
-    ),
+    "mean field": lambda: fdtd.MeanField(TIME, np.sin(TIME), np.sin(TIME), np.cos(TIME), back_error=0.1 * TIME,
+                                         forward_error=0.2 * TIME, realizations=3),
     "what one image tells": lambda: FOUND, "what images tell": lambda: Findings((FOUND, FOUND), 1e-4, None),
-    "what images together tell": lambda: Joint(
-        torch.rand(3, 8, 8), torch.tensor([False, True, False]), torch.zeros(3, 2, dtype=torch.int64), 0.9, 0.7
-    ),
+    "what images together tell": lambda: Joint(torch.rand(3, 8, 8), torch.tensor([False, True, False]),
+                                               torch.zeros(3, 2, dtype=torch.int64), 0.9, 0.7),
     "objects through one medium": lambda: Multiframe(torch.rand(3, 8, 8), 0.97, 0.9),
     "wide object": lambda: WideField(torch.rand(8, 20), torch.rand(8, 20) > 0.1, torch.rand(6), 16.0),
-    "evaluation": lambda: SCORED,
-    "benchmark": lambda: Results({"thin": SCORED, "noise": SCORED}, 20),
-    "scene of beams": lambda: SCENE,
-    "scene seen all round": lambda: BOX,
+    "evaluation": lambda: SCORED, "benchmark": lambda: Results({"thin": SCORED, "noise": SCORED}, 20),
+    "scene of beams": lambda: SCENE, "scene seen all round": lambda: BOX,
     "scene of points": lambda: BOX.replace(illumination=sg.PointSources([[0, -9]]), sensor=sg.NearField([[0, 9]])),
     "scene of voxels": lambda: BOX.replace(medium=VOXELS),
     "scene of a screen": lambda: SCENE.replace(medium=sg.PhaseScreen(rms_phase=1.0, correlation_length=10.0)),
-    "scene of an object": lambda: SCENE.replace(illumination=OBJECT),
-    "plan": lambda: sg.plan(SCENE, paths=64),
+    "scene of an object": lambda: SCENE.replace(illumination=OBJECT), "plan": lambda: sg.plan(SCENE, paths=64),
     "stack": lambda: sg.render(SCENE, paths=64),
     "stack of several media": lambda: sg.render(SCENE, paths=64, realizations=2),
     "stack of one image": lambda: sg.render(SCENE.replace(illumination=OBJECT), paths=64),
@@ -111,8 +106,7 @@ SHOWN = {
     "covariance of pairs": lambda: sg.covariance(BOX, paths=64, pairs=[[0, 0, 0, 0], [0, 1, 1, 1]]),
     "scatterer": lambda: SLAB.scatterer,
     "mixture": lambda: sg.Mixture(types=(sg.Isotropic(), sg.HenyeyGreenstein(0.9)), fractions=(0.5, 0.5)),
-    "recipe of objects": lambda: load_recipe("through-slab"),
-    "recipe of tilts": lambda: load_recipe("tilt-stack"),
+    "recipe of objects": lambda: load_recipe("through-slab"), "recipe of tilts": lambda: load_recipe("tilt-stack"),
 }  # fmt: skip
 
 

@@ -36,9 +36,8 @@ def evaluation():
 
 RESULTS = {
     "MemoryEffect": lambda: sg.memory_effect(SLAB, wavelength=0.5, tilts=[0.0, 0.02, 0.3], paths=500),
-    "JointCorrelation": lambda: sg.joint_correlation(
-        SLAB, wavelength=0.5, tilts=[0.0, 0.01], shifts=[0.0, 1.0, 2.0], lags=[0.0, 1.0], paths=500
-    ),
+    "JointCorrelation": lambda: sg.joint_correlation(SLAB, wavelength=0.5, tilts=[0.0, 0.01], shifts=[0.0, 1.0, 2.0],
+                                                     lags=[0.0, 1.0], paths=500),
     "TemporalCorrelation": temporal, "ExposureContrast": lambda: temporal().contrast([0.1, 0.2, 1.0]),
     "Covariance": lambda: sg.covariance(scene(sensor=sg.FarField.grid((1, 3), 1e-3)), paths=500),
     "SpeckleStack": lambda: sg.render(scene(), paths=64), "Evaluation": evaluation,

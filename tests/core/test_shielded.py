@@ -42,9 +42,8 @@ CONTEXTS = {
     "inference": torch.inference_mode, "floating-point errors": lambda: np.errstate(all="raise"),
     "double": lambda: restored(torch.get_default_dtype, torch.set_default_dtype, torch.float64),
     "bfloat16": lambda: restored(torch.get_default_dtype, torch.set_default_dtype, torch.bfloat16),
-    "deterministic": lambda: restored(
-        torch.are_deterministic_algorithms_enabled, torch.use_deterministic_algorithms, True
-    ),
+    "deterministic": lambda: restored(torch.are_deterministic_algorithms_enabled, torch.use_deterministic_algorithms,
+                                      True),
     "tf32": lambda: precision(torch.backends.cuda.matmul),
     "low precision": lambda: precision(torch.backends.mkldnn.matmul),
     "threads": lambda: restored(torch.get_num_threads, torch.set_num_threads, 2), "denormals": flushing,
@@ -194,9 +193,8 @@ VERBS = {
     "render_tiles": lambda: np.concatenate([piece.ravel() for _, piece in sg.render_tiles(SCENE, paths=500)]),
     "memory_effect": lambda: sg.memory_effect(SLAB, wavelength=0.5, tilts=[0.0, 1e-3], paths=2000).intensity,
     "covariance": lambda: sg.covariance(SCENE, pairs=[[0, 0, 1, 1]], paths=2000).value,
-    "joint_correlation": lambda: sg.joint_correlation(
-        SLAB, wavelength=0.5, tilts=[0.0, 1e-3], shifts=[0.0, 1.0], paths=2000
-    ).magnitude,
+    "joint_correlation": lambda: sg.joint_correlation(SLAB, wavelength=0.5, tilts=[0.0, 1e-3], shifts=[0.0, 1.0],
+                                                      paths=2000).magnitude,
     "mean_field": lambda: sg.mean_field(SCENE),
     "partially coherent": lambda: sg.render_partially_coherent(
         SCENE.replace(illumination=sg.CollimatedBeams.tilts([0.0], width=5000.0)), 2500.0, paths=500

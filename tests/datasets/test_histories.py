@@ -179,13 +179,10 @@ CONTEXTS = {
     "deterministic": switched(torch.are_deterministic_algorithms_enabled, torch.use_deterministic_algorithms, True),
     "two threads": switched(torch.get_num_threads, torch.set_num_threads, 2), "OpenMP told alone": openmp_told_alone,
     "coarse": switched(torch.get_float32_matmul_precision, torch.set_float32_matmul_precision, "medium"),
-    "without oneDNN": switched(
-        lambda: torch.backends.mkldnn.enabled, lambda value: torch.backends.mkldnn.set_flags(value), False
-    ),
-    "other order of products": switched(
-        lambda: torch.backends.opt_einsum.enabled, lambda value: setattr(torch.backends.opt_einsum, "enabled", value),
-        False,
-    ),
+    "without oneDNN": switched(lambda: torch.backends.mkldnn.enabled,
+                               lambda value: torch.backends.mkldnn.set_flags(value), False),
+    "other order of products": switched(lambda: torch.backends.opt_einsum.enabled,
+                                        lambda value: setattr(torch.backends.opt_einsum, "enabled", value), False),
     "short buffers": switched(np.getbufsize, np.setbufsize, 16),
     "denormals": switched(lambda: bool(np.float64(2e-308) / 2 == 0), torch.set_flush_denormal, True),
 }  # fmt: skip

@@ -22,11 +22,9 @@ def innovation_z(g, rho):
     w = (g[:, 1:] - rho * g[:, :-1]) / math.sqrt(1 - rho**2)
     n = w.size
     return np.array(
-        [
-            ((g[:, 0] ** 2).mean() - 1) * math.sqrt(len(g) / 2), w.mean() * math.sqrt(n),
-            ((w**2).mean() - 1) * math.sqrt(n / 2), (w * g[:, :-1]).mean() * math.sqrt(n),
-            (w[:, 1:] * w[:, :-1]).mean() * math.sqrt(w[:, 1:].size),
-        ]
+        [((g[:, 0] ** 2).mean() - 1) * math.sqrt(len(g) / 2), w.mean() * math.sqrt(n),
+         ((w**2).mean() - 1) * math.sqrt(n / 2), (w * g[:, :-1]).mean() * math.sqrt(n),
+         (w[:, 1:] * w[:, :-1]).mean() * math.sqrt(w[:, 1:].size)]
     )  # fmt: skip
 
 

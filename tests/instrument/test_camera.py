@@ -39,9 +39,8 @@ CAMERAS = {
     "background": Camera(photons=100, background=20, bit_depth=None),
     "dark": Camera(photons=100, dark_current=2, exposure=4, bit_depth=None),
     "gain": Camera(photons=100, gain=0.4, offset=10, bit_depth=None),
-    "all": Camera(
-        photons=300, background=5, dark_current=3, exposure=0.5, read_noise=2, gain=1.7, offset=50, bit_depth=12
-    ),
+    "all": Camera(photons=300, background=5, dark_current=3, exposure=0.5, read_noise=2, gain=1.7, offset=50,
+                  bit_depth=12),
 }  # fmt: skip
 
 
@@ -259,10 +258,8 @@ def test_pixels_average_over_their_points():
     (lambda: expose(Camera(photons=1), -FLAT, STREAMS), "expose image must be finite and at least 0"),
     (lambda: expose(Camera(photons=1), FLAT * np.nan, STREAMS), "expose image must be finite"),
     (lambda: expose(Camera(photons=1), FLAT[0], STREAMS), "expose image must be of shape"),
-    (
-        lambda: expose(Camera(photons=1, oversampling=3), FLAT, STREAMS),
-        r"a multiple of the oversampling 3 along both sides; got \(512, 512\)",
-    ),
+    (lambda: expose(Camera(photons=1, oversampling=3), FLAT, STREAMS),
+     r"a multiple of the oversampling 3 along both sides; got \(512, 512\)"),
     (lambda: incoherent_sum([FLAT], [-1.0]), "weights must be finite, at least 0"),
     (lambda: incoherent_sum([FLAT], [1.0, 1.0]), r"weights must be of shape \(1,\)"),
     (lambda: incoherent_sum([FLAT, FLAT], [0.0, 0.0]), "weights must be finite, at least 0"),

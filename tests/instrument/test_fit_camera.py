@@ -178,17 +178,15 @@ def compressed(pair):
 
 
 BAD = {
-    "single frames": (
-        lambda p, d: ([pair[0] for pair in p], d), "of shape .frames, rows, columns.*take two of one light",
-    ),
+    "single frames": (lambda p, d: ([pair[0] for pair in p], d),
+                      "of shape .frames, rows, columns.*take two of one light"),
     "copies": (lambda p, d: ([pair[[0, 0]] for pair in p], d), "a frame and its copy"),
     "three": (lambda p, d: ([pair[[0, 1, 1]] for pair in p], d), "of two frames each; got 3"),
     "few": (lambda p, d: (p[:2], d), "of at least 3 levels of light"),
     "one dark": (lambda p, d: (p, d[:1]), "dark must be at least two frames"),
-    "moved": (
-        lambda p, d: ([np.stack([a, np.rint(shift(b.astype(float), (0.5, 0), mode="nearest"))]) for a, b in p], d),
-        "The pattern moved",
-    ),
+    "moved": (lambda p,
+              d: ([np.stack([a, np.rint(shift(b.astype(float), (0.5, 0), mode="nearest"))]) for a, b in p], d),
+              "The pattern moved"),
     "JPEG": (lambda p, d: ([compressed(pair) for pair in p], d), "compressed .JPEG."),
     "8 bits in 16": (lambda p, d: ([257 * (pair // 16) for pair in p], d), "counts in steps of 1; got .steps of 257"),
     "12 bits in 16": (lambda p, d: ([16 * pair.astype(int) for pair in p], d), "divide pairs and dark frames by 16"),

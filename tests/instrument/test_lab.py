@@ -84,10 +84,8 @@ LABORATORIES = {
     "equal distances": {**EXAMPLE, "camera_distance": 100.0, "object_extent": 4.0, "pixels": (1024, 1024)},
     "steep sines": {**EXAMPLE, "object_distance": 30.0, "object_extent": 5, "pixels": (2048, 2048), "aperture": 0.09},
     "lens, coma": {**EXAMPLE, "camera_distance": None, "focal_length": 50.0},
-    "lens, wide object": {
-        **EXAMPLE, "camera_distance": None, "focal_length": 50.0, "object_extent": 8.0, "aperture": 1.0,
-        "pixels": (1024, 1024),
-    },
+    "lens, wide object": {**EXAMPLE, "camera_distance": None, "focal_length": 50.0, "object_extent": 8.0,
+                          "aperture": 1.0, "pixels": (1024, 1024)},
     "far camera": {**EXAMPLE, "camera_distance": 300.0, "pixels": (256, 256)},
 }  # fmt: skip
 
@@ -234,9 +232,7 @@ def largest(message):
     ("pixel_pitch", 0.007, {}, r"half a speckle a view; got 0\.007\. Set oversampling to 2 or more, or the"),
     ("object_extent", 1.4, {}, r"whose image fills the camera; got 1\.4"),
     ("aperture", 12.0, {"pixel_pitch": 0.001, "pixels": (640, 640)}, r"mapping holds; got 12\.0\. .*phi_3 = 0\.7"),
-    (
-        "aperture", 3.0, {"object_extent": 8.0, "pixel_pitch": 0.004, "pixels": (2000, 2000)}, r"phi_4 = .*aperture D",
-    ),
+    ("aperture", 3.0, {"object_extent": 8.0, "pixel_pitch": 0.004, "pixels": (2000, 2000)}, r"phi_4 = .*aperture D"),
     ("bandwidth", 2e-5, {}, r"which moves the pattern by one speckle; got 2e-05"),
 ])  # fmt: skip
 def test_a_refusal_names_a_largest_value_that_passes_and_is_the_largest(field, value, others, says):
@@ -308,9 +304,7 @@ def test_every_laboratory_that_passes_keeps_its_correlation(log_u, log_v, log_ap
 
 
 @pytest.mark.parametrize(("make", "message"), [
-    (
-        lambda: LabSetup(**{**EXAMPLE, "camera_distance": None}), r"camera_distance must be given, or else focal_leng",
-    ),
+    (lambda: LabSetup(**{**EXAMPLE, "camera_distance": None}), r"camera_distance must be given, or else focal_leng"),
     (lambda: LabSetup(**EXAMPLE, focal_length=50.0), r"not two of them; got \(50\.0, 50\.0, None\)"),
     (lambda: LabSetup(**{**EXAMPLE, "wavelength": -1}), r"LabSetup\.wavelength must be greater than 0"),
     (lambda: LabSetup(**{**EXAMPLE, "aperture": np.nan}), r"LabSetup\.aperture must be finite"),

@@ -130,9 +130,7 @@ def test_closed_forms_have_their_figures():
 
 
 @pytest.mark.parametrize(("call", "message"), [
-    (
-        lambda: theory.memory_effect_thick_slab(9.0, 10), r"memory_effect_thick_slab q must be at most 0\.8 OD = 8.*9",
-    ),
+    (lambda: theory.memory_effect_thick_slab(9.0, 10), r"memory_effect_thick_slab q must be at most 0\.8 OD = 8.*9"),
     (lambda: theory.memory_effect_thick_slab(np.nan, 10), "memory_effect_thick_slab q must be"),
     (lambda: theory.memory_effect_thick_slab(1.0, -2), "optical_depth must be greater than 0; got -2"),
     (lambda: theory.slab_transmission(0.0), "slab_transmission optical_depth must be greater than 0; got 0.0"),

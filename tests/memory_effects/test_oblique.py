@@ -53,9 +53,8 @@ def oblique(view: float, tilt: float = 0.0, *, g: float = 0.9, side="transmissio
     sines = np.sin(np.deg2rad(tilt)) + np.array([-shift / 2, shift / 2])
     return sg.Scene(
         wavelength=WAVELENGTH, medium=slab(g=g),
-        illumination=sg.CollimatedBeams(
-            directions=directions_of_sines("tilt", np.stack([sines, 0 * sines], 1)), width=WIDTH
-        ),
+        illumination=sg.CollimatedBeams(directions=directions_of_sines("tilt", np.stack([sines, 0 * sines], 1)),
+                                        width=WIDTH),
         sensor=sg.FarField.grid(shape=shape, pitch=PITCH, center=(np.sin(np.deg2rad(view)), 0.0), side=side),
     )  # fmt: skip
 

@@ -193,11 +193,10 @@ TABLE = {  # medium, q: co along, across and at 45 degrees, crossed the same, th
 def curves(medium, q, channel, paths=40_000):
     """C_I and its error at the three azimuths."""
     found = [
-        sg.memory_effect(
-            medium, wavelength=WAVELENGTH, tilts=tilts([q]), channel=channel, azimuth=azimuth, paths=paths, seed=3
-        )
+        sg.memory_effect(medium, wavelength=WAVELENGTH, tilts=tilts([q]), channel=channel, azimuth=azimuth, paths=paths,
+                         seed=3)
         for azimuth in AZIMUTHS
-    ]
+    ]  # fmt: skip
     return np.array([each.intensity[0] for each in found]), np.array([each.standard_error[0] for each in found])
 
 
@@ -315,9 +314,8 @@ REFUSED = {
     "another model": (lambda: slab(1, polarisation="stokes"), "Slab.polarisation must be"),
     "S1 of a lobe": (lambda: TISSUE.amplitude_matrix(1.0), "HenyeyGreenstein.amplitude_matrix"),
     "an exposure without an analyser": (
-        lambda: sg.temporal_correlation(
-            slab(1, motion=MOVING), wavelength=0.5, lags=[0.0], paths=100
-        ).contrast([1.0]), "contrast channel"),
+        lambda: sg.temporal_correlation(slab(1, motion=MOVING), wavelength=0.5, lags=[0.0],
+                                        paths=100).contrast([1.0]), "contrast channel"),
     "tilt and shift": (lambda: sg.joint_correlation(slab(1), wavelength=0.5, tilts=[0], shifts=[0]), "polarisation"),
     "shares": (lambda: sg.reflectance_transmittance(slab(1)), "polarisation"),
     "screens": (lambda: sg.stack_like(slab(1), wavelength=0.5, screens=3), "polarisation"),

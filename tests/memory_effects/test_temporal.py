@@ -67,10 +67,8 @@ SHAPES = {
     "OD 10, g .9": (slab(10, FORWARD), {}, 2.0, [0.588, 0.390, 0.249, 0.062, 0.037]),
     "OD 20, g .9": (slab(20, FORWARD), {}, 0.5, [0.724, 0.485, 0.287, 0.050, 0.024]),
     "OD 10, g 0": (slab(10, ISOTROPIC), {}, 0.011, [0.781, 0.553, 0.329, 0.034, 0.012]),
-    "reflection, OD 20, g .7": (
-        slab(20, sg.HenyeyGreenstein(0.7)), {"mode": "reflection", "reverse": False}, 0.08,
-        [0.714, 0.481, 0.289, 0.044, 0.018],
-    ),
+    "reflection, OD 20, g .7": (slab(20, sg.HenyeyGreenstein(0.7)), {"mode": "reflection", "reverse": False}, 0.08,
+                                [0.714, 0.481, 0.289, 0.044, 0.018]),
 }  # fmt: skip
 
 

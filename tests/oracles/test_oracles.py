@@ -30,10 +30,8 @@ def make_scene(side="transmission", *, g, optical_depth, albedo=0.9, base=0.0, o
     views = sign * (tilts[0] + SHIFTS) + (offset, 0.0)
     return sg.Scene(
         wavelength=1.0,
-        medium=sg.Slab(
-            thickness=THICKNESS, mean_free_path=THICKNESS / optical_depth, albedo=albedo,
-            scatterer=sg.HenyeyGreenstein(g=g),
-        ),
+        medium=sg.Slab(thickness=THICKNESS, mean_free_path=THICKNESS / optical_depth, albedo=albedo,
+                       scatterer=sg.HenyeyGreenstein(g=g)),
         illumination=sg.CollimatedBeams(directions=directions_of_sines("tilts", tilts), width=WIDTH),
         sensor=sg.FarField(directions=directions_of_sines("views", views, sign)),
     )  # fmt: skip
@@ -171,10 +169,8 @@ def test_naive_covariance_is_that_of_algorithm_1():
     views = np.tile(scene.views, (len(scene.lights), 1))
     found = np.array(
         [
-            naive_covariance(
-                scene.medium, wavelength=scene.wavelength, width=WIDTH, lights=lights, views=views,
-                paths=4000, seed=seed,
-            )
+            naive_covariance(scene.medium, wavelength=scene.wavelength, width=WIDTH, lights=lights, views=views,
+                             paths=4000, seed=seed)
             for seed in range(BATCHES)
         ]
     )  # fmt: skip
@@ -204,10 +200,8 @@ def naive_fields(scene, paths, count, *, hoisted=True):
     """Fields complex128[count, T * V] of the naive program, one seed each."""
     return np.array(
         [
-            naive_field(
-                scene.medium, wavelength=scene.wavelength, width=WIDTH, tilts=scene.beams.directions,
-                views=scene.sensor.directions, paths=paths, seed=seed, hoisted=hoisted,
-            ).ravel()
+            naive_field(scene.medium, wavelength=scene.wavelength, width=WIDTH, tilts=scene.beams.directions,
+                        views=scene.sensor.directions, paths=paths, seed=seed, hoisted=hoisted).ravel()
             for seed in range(count)
         ]
     )  # fmt: skip

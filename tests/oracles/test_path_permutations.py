@@ -26,12 +26,11 @@ def shares(side, paths, apart=0.0):
     seeds = np.random.SeedSequence(1).spawn(64)
     found = np.array(
         [
-            permutation_covariance(
-                square(side), 1.0, (AXIS, AXIS), (VIEWS, VIEWS), paths, np.random.default_rng(s), apart=apart
-            )
+            permutation_covariance(square(side), 1.0, (AXIS, AXIS), (VIEWS, VIEWS), paths, np.random.default_rng(s),
+                                   apart=apart)
             for s in seeds
         ]
-    )
+    )  # fmt: skip
     return found / found[:, FORWARD].real.mean(axis=0), found[:, FORWARD].real
 
 

@@ -98,10 +98,8 @@ def test_a_planned_render_is_right_within_its_error(albedo, depth):
 @pytest.mark.parametrize("made", [
     seen(box(0.9, 40.0), AHEAD), seen(box(0.9, 40.0, dimensions=2), [0.0, 1.0]),
     scene(slab(0.9, 40.0), sg.NearField(points=[[0.0, 0.0, 1100.0]])),
-    seen(sg.VoxelGrid(
-        lower=[-100, -100, 0], upper=[100, 100, 1000], extinction=np.full((4, 2, 2), 0.04), albedo=0.9,
-        scatterers=(sg.Isotropic(),),
-    ), AHEAD),
+    seen(sg.VoxelGrid(lower=[-100, -100, 0], upper=[100, 100, 1000], extinction=np.full((4, 2, 2), 0.04), albedo=0.9,
+                      scatterers=(sg.Isotropic(),)), AHEAD),
     layers(0.9, 40.0),
 ], ids=["box", "flatland", "near", "voxels", "layers"])  # fmt: skip
 def test_so_are_those_through_any_geometry(made):

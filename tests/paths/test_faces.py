@@ -421,23 +421,16 @@ def test_light_near_the_critical_angle(index):
 
 REFUSED = {
     "points": (
-        lambda: sg.Scene(
-            wavelength=1.0, medium=slab(), illumination=sg.PlaneWaves.tilts([0.0]),
-            sensor=sg.NearField(points=[[0.0, 0.0, -5.0]]),
-        ),
+        lambda: sg.Scene(wavelength=1.0, medium=slab(), illumination=sg.PlaneWaves.tilts([0.0]),
+                         sensor=sg.NearField(points=[[0.0, 0.0, -5.0]])),
         "Slab.faces must be matched, unless beams in space are seen from afar",
     ),
-    "beyond the cone": (
-        lambda: scene(slab(), sg.FarField(directions=[direction(0.7)])),
-        r"FarField.directions must be of sines below 0\.6667",
-    ),
-    "light beyond the cone": (
-        lambda: scene(slab(), sg.FarField(directions=[AXIS]), tilts=(0.68,)),
-        r"CollimatedBeams.directions must be of sines below 0\.6667",
-    ),
-    "both sides": (
-        lambda: scene(slab(), sg.FarField(directions=[AXIS, -AXIS])), "FarField.directions must be all on one side",
-    ),
+    "beyond the cone": (lambda: scene(slab(), sg.FarField(directions=[direction(0.7)])),
+                        r"FarField.directions must be of sines below 0\.6667"),
+    "light beyond the cone": (lambda: scene(slab(), sg.FarField(directions=[AXIS]), tilts=(0.68,)),
+                              r"CollimatedBeams.directions must be of sines below 0\.6667"),
+    "both sides": (lambda: scene(slab(), sg.FarField(directions=[AXIS, -AXIS])),
+                   "FarField.directions must be all on one side"),
     "reversed in transmission": (
         lambda: sg.covariance(scene(slab(), sg.FarField(directions=[AXIS])), paths=8, reverse=True),
         'reverse must be False or "auto" in transmission',

@@ -62,9 +62,8 @@ WIDE = {
     "far out of focus": {"scatterer": sg.HenyeyGreenstein(0.9), "aperture": 0.6, "focus": 20.0},
     "narrow": {"scatterer": sg.HenyeyGreenstein(0.9), "aperture": 0.2, "focus": -10.0},
     "aslant": {"scatterer": sg.HenyeyGreenstein(0.9), "aperture": 0.2, "focus": -10.0, "tilt": 0.3},
-    "reflected": {
-        "scatterer": sg.Isotropic(), "aperture": 0.4, "focus": -10.0, "free": 8.0, "tilt": 0.3, "side": "reflection",
-    },
+    "reflected": {"scatterer": sg.Isotropic(), "aperture": 0.4, "focus": -10.0, "free": 8.0, "tilt": 0.3,
+                  "side": "reflection"},
 }  # fmt: skip
 
 

@@ -72,10 +72,8 @@ def test_the_bound_holds_beside_paths_weighed_both_ways(g, optical_depth, mean_f
 def flat(g: float, degrees: float) -> sg.Scene:
     return sg.Scene(
         wavelength=1.0,
-        medium=sg.Box(
-            lower=np.array([-25.0, 0.0]), upper=np.array([25.0, 25.0]), mean_free_path=50.0,
-            scatterer=sg.HenyeyGreenstein(g=g),
-        ),
+        medium=sg.Box(lower=np.array([-25.0, 0.0]), upper=np.array([25.0, 25.0]), mean_free_path=50.0,
+                      scatterer=sg.HenyeyGreenstein(g=g)),
         illumination=sg.PlaneWaves.tilts([0.0], dimensions=2), sensor=sg.FarField.angles(np.deg2rad([180 - degrees])),
     )  # fmt: skip
 

@@ -273,10 +273,9 @@ def test_first_points_follow_their_density(profile):
     found = np.histogram2d(drawn[:, 0], drawn[:, 1], [edges, edges])[0]
     if profile == "disc":  # ... so there only cells wholly inside or outside are compared
         corner = np.hypot(
-            *np.meshgrid(
-                np.maximum(np.abs(edges[:-1]), np.abs(edges[1:])), np.maximum(np.abs(edges[:-1]), np.abs(edges[1:]))
-            )
-        )
+            *np.meshgrid(np.maximum(np.abs(edges[:-1]), np.abs(edges[1:])),
+                         np.maximum(np.abs(edges[:-1]), np.abs(edges[1:])))
+        )  # fmt: skip
         assert (found[corner > 3 + np.sqrt(2)] == 0).all()
         use = corner <= 3
     else:

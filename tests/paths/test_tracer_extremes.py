@@ -42,10 +42,9 @@ def test_single_scattering_is_equation_41():
 def test_a_point_source_that_almost_touches_a_face():
     """Every second ray goes a way whose square underflows: it scatters nothing, and weighs nothing."""
     touching, on = (
-        sg.Scene(
-            wavelength=1.0, medium=sg.Slab(thickness=20.0, mean_free_path=10.0, scatterer=ISOTROPIC),
-            illumination=sg.PointSources(points=[[-1.0, z]]), sensor=sg.FarField(directions=[[0.0, 1.0], [0.6, -0.8]]),
-        )
+        sg.Scene(wavelength=1.0, medium=sg.Slab(thickness=20.0, mean_free_path=10.0, scatterer=ISOTROPIC),
+                 illumination=sg.PointSources(points=[[-1.0, z]]),
+                 sensor=sg.FarField(directions=[[0.0, 1.0], [0.6, -0.8]]))
         for z in (1e-255, 0.0)
     )  # fmt: skip
     one, two = estimate(touching), estimate(on)
@@ -58,10 +57,9 @@ def test_a_point_source_that_almost_touches_a_face():
 def test_a_sensor_that_almost_touches_a_face(height):
     """Vertices of every second ray lie so near it that squares of distances underflow: next to no light, left out."""
     close, near = (
-        sg.Scene(
-            wavelength=1.0, medium=sg.Slab(thickness=1e-9, mean_free_path=1.0, scatterer=ISOTROPIC),
-            illumination=sg.PlaneWaves(directions=[[0.0, 0.0, 1.0]]), sensor=sg.NearField(points=[[-1e-9, 0.0, z]]),
-        )
+        sg.Scene(wavelength=1.0, medium=sg.Slab(thickness=1e-9, mean_free_path=1.0, scatterer=ISOTROPIC),
+                 illumination=sg.PlaneWaves(directions=[[0.0, 0.0, 1.0]]),
+                 sensor=sg.NearField(points=[[-1e-9, 0.0, z]]))
         for z in (height, 1e-30)
     )  # fmt: skip
     with np.errstate(all="raise", under="ignore"):
@@ -79,10 +77,8 @@ def test_a_beam_much_wider_than_a_medium_is_a_plane_wave(dense, profile):
             wavelength=1.0, medium=medium, illumination=light,
             sensor=sg.FarField(directions=[[-1.0, 0, 0], [0.6, 0, 0.8]]),
         )  # fmt: skip
-        for light in (
-            sg.CollimatedBeams(directions=[[0.0, 0.0, 1.0]], width=1e6, profile=profile),
-            sg.PlaneWaves(directions=[[0.0, 0.0, 1.0]]),
-        )
+        for light in (sg.CollimatedBeams(directions=[[0.0, 0.0, 1.0]], width=1e6, profile=profile),
+                      sg.PlaneWaves(directions=[[0.0, 0.0, 1.0]]))
     )  # fmt: skip
     one, two = estimate(beam), estimate(plane)
     assert (one.intensity > 0).all()

@@ -114,10 +114,9 @@ def test_delta_tracking_survives_as_transmittance():
     passed = np.array(
         [
             np.isinf(
-                free_flight(
-                    volume.bounds, volume.cells, volume.extinction, volume.majorant, volume.per_length, (*x, *w),
-                    *firsts[p], (np.uint64(3), np.uint64(4), np.uint64(0)), np.uint64(p), np.uint64(16),
-                )[0]
+                free_flight(volume.bounds, volume.cells, volume.extinction, volume.majorant, volume.per_length,
+                            (*x, *w), *firsts[p], (np.uint64(3), np.uint64(4), np.uint64(0)), np.uint64(p),
+                            np.uint64(16))[0]
             )
             for p in range(n)
         ]

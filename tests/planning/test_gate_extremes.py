@@ -21,9 +21,8 @@ def scene(
     """Sines of tilts and of the grid's centre; pitch in speckle grains."""
     return sg.Scene(
         wavelength=1.0, medium=sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.Isotropic()),
-        illumination=sg.CollimatedBeams(
-            directions=directions_of_sines("tilt", np.array(tilts)), width=width, profile=profile
-        ),
+        illumination=sg.CollimatedBeams(directions=directions_of_sines("tilt", np.array(tilts)), width=width,
+                                        profile=profile),
         sensor=sg.FarField.grid(shape=shape, pitch=pitch / width, side=side, center=center),
     )  # fmt: skip
 

@@ -56,10 +56,8 @@ def curves():
     tilts = {"along": (0.0, SINE), "across": (np.pi / 2, SINE), "45": (np.pi / 4, diagonal),
              "along, turned": (0.0, diagonal), "across, turned": (np.pi / 2, diagonal)}  # fmt: skip
     return {
-        (channel, name): sg.memory_effect(
-            slab(), wavelength=WAVELENGTH, tilts=[np.arcsin(sine)], channel=channel, azimuth=azimuth, paths=PATHS,
-            seed=4,
-        )
+        (channel, name): sg.memory_effect(slab(), wavelength=WAVELENGTH, tilts=[np.arcsin(sine)], channel=channel,
+                                          azimuth=azimuth, paths=PATHS, seed=4)
         for channel in CHANNELS for name, (azimuth, sine) in tilts.items() if channel == "co" or "turned" not in name
     }  # fmt: skip
 

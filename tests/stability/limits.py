@@ -21,12 +21,10 @@ def one_path() -> Row:
     stack = sg.render(scene(slab(1.0)), paths=1, realizations=2)
     return holds(
         "one path", REQUIRED, "shapes kept; standard errors NaN, never 0",
-        {
-            "covariance: NaN": bool(np.isnan(found.standard_error).all()) and found.value.shape == (1, 3, 1, 3),
-            "its rel_error, which flags it, NaN": bool(np.isnan(found.rel_error)),
-            "memory effect: NaN": bool(np.isnan(curve.standard_error).all()) and curve.intensity.shape == (2,),
-            "render: finite": stack.field.shape == (2, 1, 3) and bool(np.isfinite(stack.field).all()),
-        },
+        {"covariance: NaN": bool(np.isnan(found.standard_error).all()) and found.value.shape == (1, 3, 1, 3),
+         "its rel_error, which flags it, NaN": bool(np.isnan(found.rel_error)),
+         "memory effect: NaN": bool(np.isnan(curve.standard_error).all()) and curve.intensity.shape == (2,),
+         "render: finite": stack.field.shape == (2, 1, 3) and bool(np.isfinite(stack.field).all())},
     )  # fmt: skip
 
 

@@ -89,11 +89,9 @@ def albedo_zero() -> Row:
     stack = sg.render(made, paths=1000, mean=True)
     return holds(
         "albedo 0", REQUIRED, "the field is the mean, nothing is traced",
-        {
-            "render = mean field": np.array_equal(stack.field, sg.mean_field(made).astype(np.complex64)),
-            "C = 0 in a slab and in a box": not any(sg.covariance(s, paths=100).value.any() for s in (made, box)),
-            "no scattering event": volume_tracer(box, False).trace(0, 1000).events == 0,
-        },
+        {"render = mean field": np.array_equal(stack.field, sg.mean_field(made).astype(np.complex64)),
+         "C = 0 in a slab and in a box": not any(sg.covariance(s, paths=100).value.any() for s in (made, box)),
+         "no scattering event": volume_tracer(box, False).trace(0, 1000).events == 0},
     )  # fmt: skip
 
 
@@ -159,10 +157,8 @@ def albedo_one() -> Row:
     bank = trace(medium, proposal, 4, 2000)
     return holds(
         "albedo 1, OD 20: paths are bounded", REQUIRED, "none reaches max_order = max(1000, 10 OD²)",
-        {
-            f"longest path {bank.orders.max()} of {proposal.max_order} scatterings": bank.unfinished == 0,
-            f"{bank.events / bank.count / 20:.2f} OD scatterings a path": 2 <= bank.events / bank.count / 20 <= 2.6,
-        },
+        {f"longest path {bank.orders.max()} of {proposal.max_order} scatterings": bank.unfinished == 0,
+         f"{bank.events / bank.count / 20:.2f} OD scatterings a path": 2 <= bank.events / bank.count / 20 <= 2.6},
     )  # fmt: skip
 
 
@@ -175,11 +171,9 @@ def dense() -> Row:
         curve = sg.memory_effect(made.slab, wavelength=1.0, tilts=[0.0, 0.01], paths=64)
     return holds(
         "mean free path below the wavelength", REQUIRED, "a warning, and finite results",
-        {
-            "plan().explain() warns": "independent scattering: used: assumed, but doubtful" in sg.plan(made).explain(),
-            "covariance and memory_effect warn": sum("below the wavelength" in str(w.message) for w in said) == 2,
-            "results are finite": bool(np.isfinite(found.value).all() and np.isfinite(curve.intensity).all()),
-        },
+        {"plan().explain() warns": "independent scattering: used: assumed, but doubtful" in sg.plan(made).explain(),
+         "covariance and memory_effect warn": sum("below the wavelength" in str(w.message) for w in said) == 2,
+         "results are finite": bool(np.isfinite(found.value).all() and np.isfinite(curve.intensity).all())},
     )  # fmt: skip
 
 
@@ -270,10 +264,8 @@ def tabulated_sampler() -> Row:
     limit = float(chi2.isf(FALSE_ALARM, lit.sum() - 1))
     return holds(
         "tabulated phase function: a spike, zero bins, complex amplitude", "its own table", "density and phase kept",
-        {
-            f"chi-square {score:.0f} below {limit:.0f}": score < limit, "zero bins never drawn": not found[~lit].any(),
-            "phase kept": bool(np.angle(table.amplitude(-1.0)) == np.pi / 2),
-        },
+        {f"chi-square {score:.0f} below {limit:.0f}": score < limit, "zero bins never drawn": not found[~lit].any(),
+         "phase kept": bool(np.angle(table.amplitude(-1.0)) == np.pi / 2)},
     )  # fmt: skip
 
 

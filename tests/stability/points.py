@@ -56,11 +56,9 @@ def near_vertex() -> Row:
     found = sg.covariance(made.replace(sensor=sg.NearField(points=[x, hair])), paths=6400, seed=1)
     return holds(
         "sensor on a vertex, and 1e-15 away", "measure zero: left out, without bias", "finite",
-        {
-            "on it the contribution is 0": bool((ends[0] == 0).any()),
-            "amplitudes finite": bool(np.isfinite(ends).all() and np.isfinite(single).all()),
-            "covariance finite": bool(np.isfinite(found.value).all() and np.isfinite(found.standard_error).all()),
-        },
+        {"on it the contribution is 0": bool((ends[0] == 0).any()),
+         "amplitudes finite": bool(np.isfinite(ends).all() and np.isfinite(single).all()),
+         "covariance finite": bool(np.isfinite(found.value).all() and np.isfinite(found.standard_error).all())},
     )  # fmt: skip
 
 

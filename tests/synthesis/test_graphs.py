@@ -64,10 +64,8 @@ def test_shapes_and_names_have_graphs_of_their_own():
 @pytest.mark.parametrize(("function", "words"), [
     (lambda x: x * x.sum().item(), "wanting: operation not permitted when stream is capturing"),
     (lambda x: x + next(CALLS), "wanting: its own runs differ: 1 of its numbers, by up to 0.33 of the largest"),
-    (
-        lambda x: torch.cat([x[:2], x[:1] + next(LATER)]),
-        "wanting: the first replay differs from what it replays: 0.33 of its numbers, by up to 1 of the largest",
-    ),
+    (lambda x: torch.cat([x[:2], x[:1] + next(LATER)]),
+     "wanting: the first replay differs from what it replays: 0.33 of its numbers, by up to 1 of the largest"),
 ])  # fmt: skip
 def test_what_cannot_be_captured_is_named_and_runs_as_it_is(function, words, caplog):
     run = Graphs(CPU, StandIn())

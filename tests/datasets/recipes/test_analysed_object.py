@@ -124,12 +124,10 @@ REFUSED = {
     "the atlas": ({"material": {"kernel": "atlas"}}, "Recipe.material must be a slab given by its numbers"),
     "walls": ({"material": {"faces": {"inside": 1.33, "wall": 1.52}}}, "faces must be without a wall"),
     "a mosaic behind an analyser": ({"mosaic": {}}, 'Light.analyser must be "none"'),
-    "a mosaic of odd sides": (
-        {"mosaic": {}, "light": {"analyser": "none"}, "camera": {"shape": [41, 40]}}, "CameraGrid.shape must be of ev",
-    ),
-    "a mosaic before spheres": (
-        {"mosaic": {}, "light": {"analyser": "none", "polarisation": "vector"}}, "Light.polarisation must be",
-    ),
+    "a mosaic of odd sides": ({"mosaic": {}, "light": {"analyser": "none"}, "camera": {"shape": [41, 40]}},
+                              "CameraGrid.shape must be of ev"),
+    "a mosaic before spheres": ({"mosaic": {}, "light": {"analyser": "none", "polarisation": "vector"}},
+                                "Light.polarisation must be"),
     "no amplitudes": ({"light": {"polarisation": "vector"}}, "Slab.polarisation"),
 }  # fmt: skip
 

@@ -130,10 +130,8 @@ def test_workers_and_a_device_are_refused():
     (Movable(), "meta", "SpeckleStream.device must be a device that torch has here; got 'meta'"),
     (Movable(), "abacus", "SpeckleStream.device must be a device that torch has here; got 'abacus'"),
     (FakeRecipe(), "meta", r"SpeckleStream.device must be \"cpu\" for FakeRecipe, which has no method `on`"),
-    pytest.param(
-        Movable(), "cuda", "SpeckleStream.device must be a device that torch has here; got 'cuda'",
-        marks=pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device"),
-    ),
+    pytest.param(Movable(), "cuda", "SpeckleStream.device must be a device that torch has here; got 'cuda'",
+                 marks=pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")),
 ])  # fmt: skip
 def test_devices_that_are_not_there_are_refused(recipe, device, words):
     assert_refused(lambda: SpeckleStream(recipe, device=device), words)

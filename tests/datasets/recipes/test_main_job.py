@@ -6,9 +6,8 @@ from zscore import assert_z, limit, refute_z
 from specklegen.datasets import load_recipe
 
 SMALL = {
-    "through-slab": {
-        "material": {"kernel_paths": 2000}, "camera": {"shape": [32, 32]}, "samples": {"train": 24}, "media": 5,
-    },
+    "through-slab": {"material": {"kernel_paths": 2000}, "camera": {"shape": [32, 32]}, "samples": {"train": 24},
+                     "media": 5},
     "tilt-stack": {"material": {"kernel_paths": 1000}, "camera": {"shape": [16, 16]}, "samples": {"train": 12}},
 }  # fmt: skip
 

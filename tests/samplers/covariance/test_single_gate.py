@@ -11,10 +11,8 @@ import specklegen as sg
 def thin(mean_free_path: float, **changes) -> sg.Scene:
     return sg.Scene(
         wavelength=1.0,
-        medium=sg.Box(
-            lower=[-5.0, -4.0], upper=[5.0, 4.0], mean_free_path=mean_free_path, albedo=0.8,
-            scatterer=sg.Mixture(types=(sg.Isotropic(), sg.HenyeyGreenstein(g=0.5)), fractions=(0.4, 0.6)),
-        ),
+        medium=sg.Box(lower=[-5.0, -4.0], upper=[5.0, 4.0], mean_free_path=mean_free_path, albedo=0.8,
+                      scatterer=sg.Mixture(types=(sg.Isotropic(), sg.HenyeyGreenstein(g=0.5)), fractions=(0.4, 0.6))),
         illumination=sg.PlaneWaves.tilts([0.0, 0.05], dimensions=2), sensor=sg.FarField.angles([0.3, 0.35, 2.0]),
     ).replace(**changes)  # fmt: skip
 

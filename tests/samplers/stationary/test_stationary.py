@@ -235,9 +235,8 @@ def criterion_scene(g, width, *, center=0.0) -> sg.Scene:
     return sg.Scene(
         wavelength=WAVELENGTH, medium=medium,
         illumination=sg.CollimatedBeams.tilts([0.0, half, 2 * half], width=width * THICKNESS),
-        sensor=sg.FarField.grid(
-            shape=(3, 3), pitch=0.4 * WAVELENGTH / (width * THICKNESS), center=(np.sin(center), 0.0)
-        ),
+        sensor=sg.FarField.grid(shape=(3, 3), pitch=0.4 * WAVELENGTH / (width * THICKNESS),
+                                center=(np.sin(center), 0.0)),
     )  # fmt: skip
 
 
@@ -289,10 +288,8 @@ def objects(dtype, *, profile="square", tolerance=1e-3, shape=(20, 23), pitch_sh
     grid = sg.FarField.grid(shape=shape, pitch=pitch_share * WAVELENGTH / width / 2, center=(1e-5, -3e-5))
     return (
         kernel, grid,
-        one_object(
-            kernel, wavelength=WAVELENGTH, object_shape=OBJECT.shape, object_pitch=5e-5, width=width,
-            grid=grid, profile=profile, tolerance=tolerance, dtype=dtype,
-        ),
+        one_object(kernel, wavelength=WAVELENGTH, object_shape=OBJECT.shape, object_pitch=5e-5, width=width, grid=grid,
+                   profile=profile, tolerance=tolerance, dtype=dtype),
     )  # fmt: skip
 
 
