@@ -21,10 +21,10 @@ import matplotlib  # noqa: E402
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
+from references.mean_wave import coherent_field  # noqa: E402
 
 import specklegen as sg  # noqa: E402
 from specklegen.oracles.cylinder import Cylinder  # noqa: E402
-from specklegen.oracles.mean_wave import coherent_field  # noqa: E402
 from specklegen.oracles.wave_ensemble import CylinderGas, ensemble  # noqa: E402
 from specklegen.oracles.wave_solver import PlaneLights, directions_of  # noqa: E402
 

@@ -12,13 +12,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _bar19 import LIGHTS, OUT, REFERENCE, Row, clock, flatland_box, flatland_scene, report, save
 from _command import run
+from references.electric_field import electric_field
 from scipy.stats import kstest
 
 import specklegen as sg
 from specklegen.oracles import box_algorithms
 from specklegen.oracles.box_media import box, henyey_greenstein
 from specklegen.oracles.cylinder import Cylinder
-from specklegen.oracles.electric_field import electric_field
 from specklegen.oracles.wave_ensemble import CylinderGas, ensemble
 from specklegen.oracles.wave_solver import PlaneLights, directions_of
 

@@ -11,10 +11,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _bar19 import LIGHTS, OUT, REFERENCE, Row, clock, flatland_box, flatland_scene, report, save
 from _command import run
+from references.mean_wave import coherent_field
 
 import specklegen as sg
 from specklegen.oracles.cylinder import Cylinder
-from specklegen.oracles.mean_wave import coherent_field
 from specklegen.oracles.wave_ensemble import CylinderGas
 
 MEAN_FREE_PATH = 10.0

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from references.mean_wave import coherent_field, foldy_wavenumber
 from refusals import assert_refused
 from scenes import DATA
 from scipy.optimize import brentq
@@ -11,7 +12,6 @@ from zscore import FALSE_ALARM, assert_mean, assert_z, refute_z
 
 from specklegen.oracles import wave_ensemble
 from specklegen.oracles.cylinder import Cylinder
-from specklegen.oracles.mean_wave import coherent_field, foldy_wavenumber
 from specklegen.oracles.wave_ensemble import CylinderGas, Moments, ensemble
 from specklegen.oracles.wave_solver import LineSources, PlaneLights, directions_of, scatter
 
