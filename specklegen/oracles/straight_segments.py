@@ -18,8 +18,6 @@ from functools import cached_property
 import numpy as np
 from scipy.special import factorial, hankel1, j0, j1, psi
 
-from specklegen.core.errors import reject
-
 SMALL = 1.5
 """Below this argument the regular part of a Hankel function is summed as a power series: there it would cancel."""
 
@@ -81,11 +79,11 @@ class Segment:
         return series * self.step
 
 
-def segment(field: str, start: object, end: object, wavelength: float, nodes: float, ends: bool = False) -> Segment:
-    """Return a checked `Segment` with ``nodes`` nodes a wavelength, and 24 at least."""
+def segment(
+    start: tuple[float, float], end: tuple[float, float], wavelength: float, nodes: float, ends: bool = False
+) -> Segment:
+    """Return a `Segment` with ``nodes`` nodes a wavelength, and 24 at least."""
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-    if a.shape != (2,) or b.shape != (2,) or not np.isfinite([a, b]).all() or np.array_equal(a, b):
-        reject(field, "two different finite points of two coordinates", (start, end))
     length = float(np.hypot(*(b - a)))
     return Segment(a, b, max(24, int(np.ceil(nodes * length / wavelength))), ends)
 

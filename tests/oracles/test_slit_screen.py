@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from refusals import assert_refused
 
 from specklegen.oracles.slit_screen import slit_screen
 
@@ -70,9 +69,3 @@ def test_wide_slit_is_two_half_planes():
         phi = np.pi + np.arctan2(at[:, 1], at[:, 0])
         expected = half_plane(2 * np.pi - phi, 1.5 * np.pi, np.hypot(*at.T), 2 * np.pi, boundary)
         assert np.abs(found - expected).max() < tolerance  # measured 6.5e-4, .029
-
-
-@pytest.mark.parametrize(("slits", "match"), [([(1, 0)], "x0 < x1"), ([(0, 1), (1, 2)], "neither touch"),
-                                              ([(0, np.nan)], "finite"), ([], "pairs")])  # fmt: skip
-def test_bad_slits_are_refused(slits, match):
-    assert_refused(lambda: slit_screen(slits), match)
