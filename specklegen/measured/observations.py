@@ -48,6 +48,8 @@ class _Curve(Observation):
     _where: ClassVar[str]
     _what: ClassVar[str]
     _range: ClassVar[tuple[float, float]]
+    file: str = field(default="", kw_only=True)
+    lines: tuple[int, ...] = field(default=(), kw_only=True)
 
     @property
     def at(self) -> np.ndarray:
@@ -107,9 +109,9 @@ class _Curve(Observation):
         return ""
 
     def _refuse(self, number: int, what: str, rule: str, value: float, remedy: str) -> NoReturn:
-        lines, file = getattr(self, "lines", ()), getattr(self, "file", "")
-        place = f"{type(self).__name__} {file}, line {lines[number]}, {what}" if lines else (
-            f"{type(self).__name__} {what}, number {number + 1},")  # fmt: skip
+        owner = type(self).__name__
+        place = f"{owner} {self.file}, line {self.lines[number]}, {what}" if self.lines else (
+            f"{owner} {what}, number {number + 1},")  # fmt: skip
         reject(place, rule, float(value), remedy)
 
     @classmethod
@@ -164,8 +166,6 @@ class MemoryCurve(_Curve):
     tilts: np.ndarray | ArrayLike
     c_i: np.ndarray | ArrayLike | None
     error: np.ndarray | ArrayLike
-    file: str = field(default="", kw_only=True)
-    lines: tuple[int, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         self._check()
@@ -212,8 +212,6 @@ class TemporalCurve(_Curve):
     g2: np.ndarray | ArrayLike | None
     error: np.ndarray | ArrayLike
     beta: float = 1.0
-    file: str = field(default="", kw_only=True)
-    lines: tuple[int, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         beta = positive_number("TemporalCurve beta", self.beta)
@@ -256,8 +254,6 @@ class ContrastVersusBandwidth(_Curve):
     contrast: np.ndarray | ArrayLike | None
     error: np.ndarray | ArrayLike
     spectrum: Literal["gaussian", "flat"] = "gaussian"
-    file: str = field(default="", kw_only=True)
-    lines: tuple[int, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         choice("ContrastVersusBandwidth spectrum", self.spectrum, ("gaussian", "flat"))
