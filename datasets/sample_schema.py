@@ -114,12 +114,9 @@ def stored_arrays(recipe: Renderable) -> dict[str, ArraySpec]:
             reject(f"{recipe.name}.layout", f"free of the reserved names {', '.join(RESERVED)}", key)
         for dim, length in zip(spec.dims, spec.shape, strict=True):
             if dim in ("sample", "parameter") or lengths.setdefault(dim, length) != length:
-                reject(
-                    f"{recipe.name}.layout[{key!r}].dims",
-                    "names that stand for one length each, and not 'sample' or 'parameter'",
-                    spec.dims,
-                    f"Name the axis of length {length} otherwise, such as '{key}_{dim}'.",
-                )
+                reject(f"{recipe.name}.layout[{key!r}].dims",
+                       "names that stand for one length each, and not 'sample' or 'parameter'", spec.dims,
+                       f"Name the axis of length {length} otherwise, such as '{key}_{dim}'.")  # fmt: skip
     return layout
 
 

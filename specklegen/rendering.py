@@ -145,13 +145,9 @@ class SpeckleStack(Pictured, Labelled):
     def field(self) -> np.ndarray:
         """complex64[(R,) T, *sensor.shape]; |u|^2 is area per steradian for unit irradiance."""
         if self._field is None:
-            reject(
-                "SpeckleStack.field",
-                "asked of coherent illumination",
-                "IncoherentObject, or an exposure",
-                "Its beams or instants are mutually incoherent, so intensities add and no one field exists: "
-                "use .intensity.",
-            )
+            reject("SpeckleStack.field", "asked of coherent illumination", "IncoherentObject, or an exposure",
+                   "Its beams or instants are mutually incoherent, so intensities add and no one field exists: "
+                   "use .intensity.")  # fmt: skip
         return self._field
 
     @property

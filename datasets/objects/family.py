@@ -83,10 +83,8 @@ class ObjectFamily(Registered):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if 4 * _AT_ONCE * prod(self.shape) > 0.1 * memory_limit():
-            reject(
-                f"{type(self).__name__}.shape", f"of at most {0.1 * memory_limit() / 4 / _AT_ONCE:.1e} pixels here",
-                self.shape, "Objects are made a batch at a time: use fewer pixels.",
-            )  # fmt: skip
+            reject(f"{type(self).__name__}.shape", f"of at most {0.1 * memory_limit() / 4 / _AT_ONCE:.1e} pixels here",
+                   self.shape, "Objects are made a batch at a time: use fewer pixels.")  # fmt: skip
         return self
 
     @shielded()

@@ -118,10 +118,8 @@ def _photograph(name: str) -> np.ndarray:
     with extras_named():
         path = Path(str(files("skimage.data") / name))
     if not path.is_file():
-        reject(
-            "Photographs file", "in the installed scikit-image", name,
-            "This build left its pictures out: install scikit-image from its wheel.",
-        )  # fmt: skip
+        reject("Photographs file", "in the installed scikit-image", name,
+               "This build left its pictures out: install scikit-image from its wheel.")  # fmt: skip
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
     if digest != _FILES[name]:
         reject("Photographs file", f"{name} of SHA-256 {_FILES[name]}...", digest,

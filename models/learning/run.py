@@ -231,10 +231,8 @@ def require_fit(start: Reconstructor, training: Training, validation: Examples) 
     }  # fmt: skip
     other = [name for name, value in wanted.items() if there[name] != value]
     if other:
-        reject(
-            "train start", "a model of " + ", ".join(f"{name} {wanted[name]}" for name in other),
-            "one of " + ", ".join(f"{name} {there[name]}" for name in other),
-        )  # fmt: skip
+        reject("train start", "a model of " + ", ".join(f"{name} {wanted[name]}" for name in other),
+               "one of " + ", ".join(f"{name} {there[name]}" for name in other))  # fmt: skip
 
 
 def validated(model: Reconstructor, examples: Examples) -> float:

@@ -232,10 +232,9 @@ def _one(path: Path, frames: "np.ndarray", notes: list[str]) -> "np.ndarray":
     first, *rest = frames.reshape(len(frames), -1)
     alike = float(np.mean([np.corrcoef(first, other)[0, 1] for other in rest]))
     if not alike >= _ONE_PATTERN:
-        reject(
-            "reconstruct IMAGE", "one frame, or frames of one pattern", f"{len(frames)} that correlate by {alike:.2f}",
-            "Give --frames if one object was seen through other states of the medium.",
-        )  # fmt: skip
+        reject("reconstruct IMAGE", "one frame, or frames of one pattern",
+               f"{len(frames)} that correlate by {alike:.2f}",
+               "Give --frames if one object was seen through other states of the medium.")  # fmt: skip
     notes.append(
         f"{path.name}: the mean of {len(frames)} frames was taken, which correlate with the first by {alike:.2f}"
     )

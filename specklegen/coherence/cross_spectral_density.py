@@ -347,10 +347,9 @@ def _copula_angles(W0: np.ndarray, turns: float) -> np.ndarray:
     model = np.exp(-spread * (1 - np.cos(beta[:, None] - beta)))
     worst = np.abs(model - degree).max()
     if worst > _COPULA_TOLERANCE:
-        reject(
-            "sample_fields W0", f"a Gaussian Schell model to {_COPULA_TOLERANCE:g} for method='copula'",
-            f"a difference of {worst:.3g}", "Raise phase_turns, or use method='kl', which takes any W0.",
-        )  # fmt: skip
+        reject("sample_fields W0", f"a Gaussian Schell model to {_COPULA_TOLERANCE:g} for method='copula'",
+               f"a difference of {worst:.3g}",
+               "Raise phase_turns, or use method='kl', which takes any W0.")  # fmt: skip
     return beta
 
 

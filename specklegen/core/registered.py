@@ -135,8 +135,6 @@ def require_importable(classes: Iterable[type]) -> None:
     for cls in classes:
         typed_in = cls.__module__ == "__main__" and getattr(main, "__file__", None) is None
         if "<locals>" in cls.__qualname__ or typed_in:
-            reject(
-                f"class {cls.__name__}", "defined at the top of a file, for worker processes to import",
-                f"{cls.__module__}.{cls.__qualname__}",
-                "Move it into a file my_module.py and import it from there, or render in one process.",
-            )  # fmt: skip
+            reject(f"class {cls.__name__}", "defined at the top of a file, for worker processes to import",
+                   f"{cls.__module__}.{cls.__qualname__}",
+                   "Move it into a file my_module.py and import it from there, or render in one process.")  # fmt: skip

@@ -73,8 +73,6 @@ def check_courant(courant: float, kappa: np.ndarray, method: Literal["bound", "e
     limit = courant_limit(kappa, method)
     # a vacuum Courant number of 1 written as S = 1/n_b may sit a rounding above min(n)/n_b = 1/n_b
     if not 0 < courant <= limit * (1 + 4 * np.finfo(float).eps):
-        reject(
-            "courant", f"greater than 0 and at most {limit:.6g}, the largest that is stable in this medium", courant,
-            f"Use courant={np.floor(limit * 1e6) / 1e6:.6f} or less.",
-        )  # fmt: skip
+        reject("courant", f"greater than 0 and at most {limit:.6g}, the largest that is stable in this medium", courant,
+               f"Use courant={np.floor(limit * 1e6) / 1e6:.6f} or less.")  # fmt: skip
     return courant

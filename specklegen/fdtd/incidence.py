@@ -144,10 +144,8 @@ class Incidence:
 
 def _background_courant(courant: float) -> float:
     if not 0 < courant <= 1:
-        reject(
-            "courant", "greater than 0 and at most 1, the stability limit of a uniform background", courant,
-            "The default is 1/n_background: below an index of 1, give a smaller one.",
-        )  # fmt: skip
+        reject("courant", "greater than 0 and at most 1, the stability limit of a uniform background", courant,
+               "The default is 1/n_background: below an index of 1, give a smaller one.")  # fmt: skip
     return courant
 
 
@@ -212,10 +210,8 @@ def illuminate(
     omega = 2 * math.pi * bins / n_fft
     if np.sin(omega[-1] / 2) > courant * math.sin(math.pi / 8):
         coarsest = layer.dx * math.pi / 4 * courant / omega[-1]
-        reject(
-            "RandomLayer.dx", "an eighth or less of the shortest wavelength of the pulse in the background", layer.dx,
-            f"Use dx <= {coarsest:.3g}.",
-        )  # fmt: skip
+        reject("RandomLayer.dx", "an eighth or less of the shortest wavelength of the pulse in the background",
+               layer.dx, f"Use dx <= {coarsest:.3g}.")  # fmt: skip
     theta = phase_per_cell(omega, courant)
     emitted = np.exp(1j * (omega / 2 - theta * _SOURCE_DISTANCE)) / np.cos(theta / 2)
     spectrum = lines[bins] * emitted

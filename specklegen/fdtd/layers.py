@@ -133,10 +133,8 @@ class RandomLayer(Value):
         correlated_normals(key0, key1, first, self.step_correlation, innovation, g)
         scale = self.rms_index / self.n_background
         if 1 + scale * g.min() <= 0:
-            reject(
-                "RandomLayer.rms_index", "small enough that every index drawn is positive", self.rms_index,
-                f"The smallest index drawn is {self.n_background * (1 + scale * g.min()):.3g}.",
-            )  # fmt: skip
+            reject("RandomLayer.rms_index", "small enough that every index drawn is positive", self.rms_index,
+                   f"The smallest index drawn is {self.n_background * (1 + scale * g.min()):.3g}.")  # fmt: skip
         g *= scale
         return g * (2 + g)
 

@@ -161,41 +161,29 @@ class LabSetup(Value):
         largest = self.speckle_size / 2
         excess = self.pixel_pitch / largest
         if excess > self.oversampling * (1 + _ROUNDING):
-            reject(
-                "LabSetup.pixel_pitch",
-                f"at most {_down(largest * self.oversampling)}, half a speckle a view",
-                self.pixel_pitch,
-                f"Set oversampling to {math.ceil(excess * (1 - _ROUNDING))} or more, "
-                f"or the aperture to at most {_down(self.aperture * self.oversampling / excess)}.",
-            )
+            reject("LabSetup.pixel_pitch", f"at most {_down(largest * self.oversampling)}, half a speckle a view",
+                   self.pixel_pitch, f"Set oversampling to {math.ceil(excess * (1 - _ROUNDING))} or more, "
+                   f"or the aperture to at most {_down(self.aperture * self.oversampling / excess)}.")  # fmt: skip
 
     def _check_field(self) -> None:
         largest = min(self.pixels) * self.pixel_pitch / abs(self.magnification)
         if self.object_extent > largest * (1 + _ROUNDING):
-            reject(
-                "LabSetup.object_extent", f"at most {_down(largest)}, whose image fills the camera", self.object_extent,
-                "Use a smaller object, more pixels or a shorter camera distance.",
-            )  # fmt: skip
+            reject("LabSetup.object_extent", f"at most {_down(largest)}, whose image fills the camera",
+                   self.object_extent, "Use a smaller object, more pixels or a shorter camera distance.")  # fmt: skip
 
     def _check_aperture(self) -> None:
         if self.aperture > self.largest_aperture * (1 + _ROUNDING):
             phases = ", ".join(f"{name} = {phase:.3g} rad" for name, phase in self.phase_errors.items())
-            reject(
-                "LabSetup.aperture",
-                f"at most {_down(self.largest_aperture)}, so that the far-field mapping holds",
-                self.aperture,
-                f"Its phase errors are {phases}, each at most {PHASE_LIMIT} rad: lower the aperture D, "
-                "the object or the camera's side, or increase the distances.",
-            )
+            reject("LabSetup.aperture", f"at most {_down(self.largest_aperture)}, so that the far-field mapping holds",
+                   self.aperture,
+                   f"Its phase errors are {phases}, each at most {PHASE_LIMIT} rad: lower the aperture D, "
+                   "the object or the camera's side, or increase the distances.")  # fmt: skip
 
     def _check_bandwidth(self) -> None:
         if self.bandwidth > self.largest_bandwidth * (1 + _ROUNDING):
-            reject(
-                "LabSetup.bandwidth",
-                f"at most {_down(self.largest_bandwidth)}, which moves the pattern by one speckle",
-                self.bandwidth,
-                "Use a narrower filter, a smaller aperture or fewer pixels.",
-            )
+            reject("LabSetup.bandwidth",
+                   f"at most {_down(self.largest_bandwidth)}, which moves the pattern by one speckle", self.bandwidth,
+                   "Use a narrower filter, a smaller aperture or fewer pixels.")  # fmt: skip
 
     @property
     def view_distance(self) -> float:

@@ -270,10 +270,8 @@ def _dark(black: np.ndarray, doubts: list[str]) -> _Dark:
     frames, *shape = black.shape
     cut = float((black == 0).mean())
     if cut > _CLIPPED and black.any():
-        reject(
-            "fit_camera dark", "of a black level at which none is cut off at 0", f"{100 * cut:.3g} % of pixels at 0",
-            "Raise the camera's offset (black level).",
-        )  # fmt: skip
+        reject("fit_camera dark", "of a black level at which none is cut off at 0", f"{100 * cut:.3g} % of pixels at 0",
+               "Raise the camera's offset (black level).")  # fmt: skip
     good = ~hot_in_dark(black)
     hot = int((~good).sum())
     if hot > _MOST_HOT * good.size:

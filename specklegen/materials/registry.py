@@ -87,10 +87,8 @@ def get(
         if not 0 <= real_number(f"materials.get({name!r}) {field}", value) < np.inf:
             reject(f"materials.get({name!r}) {field}", "a finite number of at least 0", value)
         if known.holds(wavelength) and not known.low <= value <= known.high:
-            warn_user(
-                f"materials.get({name!r}) {field} = {value:g} lies outside {known.low:g} to {known.high:g}: "
-                f"{known.source}.",
-            )  # fmt: skip
+            warn_user(f"materials.get({name!r}) {field} = {value:g} lies outside {known.low:g} to {known.high:g}: "
+                      f"{known.source}.")  # fmt: skip
         if idle := numbers.keys() & set(known.computed_from):
             reject(f"materials.get({name!r}) {field}", f"left out where {min(idle)} is given", value,
                    f"It is computed from {', '.join(known.computed_from)}, or given.")  # fmt: skip

@@ -106,10 +106,8 @@ def _rays(scene: Scene) -> np.ndarray:
         scene.wavelength, lights.footprint, lights.radius, field,
     )  # fmt: skip
     if met >= 0:
-        reject(
-            "mean_field scene.sensor.points", "away from every source", scene.views[met % len(views)],
-            "The field of a point source is infinite there.",
-        )  # fmt: skip
+        reject("mean_field scene.sensor.points", "away from every source", scene.views[met % len(views)],
+               "The field of a point source is infinite there.")  # fmt: skip
     return field
 
 

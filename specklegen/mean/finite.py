@@ -115,7 +115,5 @@ def _sum(scene: Scene, light: np.ndarray, nodes: Nodes, shapes: np.ndarray) -> t
 
 
 def _refuse(most: float, got: str) -> NoReturn:
-    reject(
-        "mean_field", f"an integral of at most {most:.2g} nodes over the lights and views asked for", got,
-        "Ask for fewer views or lights, for views nearer to the light, or for a smaller medium.",
-    )  # fmt: skip
+    reject("mean_field", f"an integral of at most {most:.2g} nodes over the lights and views asked for", got,
+           "Ask for fewer views or lights, for views nearer to the light, or for a smaller medium.")  # fmt: skip

@@ -103,15 +103,12 @@ def read_curve(path: str | Path, columns: Sequence[int] | None = None) -> Measur
             continue
         taken = chosen or tuple(range(min(3, len(cells))) if not rows else range(len(rows[0])))
         if max(taken) >= len(cells) or len(taken) < 2:
-            reject(
-                where, f"of at least {max(2, max(taken) + 1)} columns", line.strip(),
-                "Columns stand apart by , ; or a tab.",
-            )  # fmt: skip
+            reject(where, f"of at least {max(2, max(taken) + 1)} columns", line.strip(),
+                   "Columns stand apart by , ; or a tab.")  # fmt: skip
         row = [_number(where, cells[column]) for column in taken]
         if rows and not row[0] > rows[-1][0]:
-            reject(
-                where, f"of a place above the one before, {rows[-1][0]:g}", row[0], "Sort the lines; average repeats."
-            )
+            reject(where, f"of a place above the one before, {rows[-1][0]:g}", row[0],
+                   "Sort the lines; average repeats.")  # fmt: skip
         if len(row) == 3 and not row[2] > 0:
             reject(where, "of a standard error greater than 0", row[2], "Leave the column out by columns=(0, 1).")
         rows.append(row)

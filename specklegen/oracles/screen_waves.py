@@ -41,11 +41,9 @@ class ScreenWaves:
         largest = self.wavelength / (2 * self.spacing)
         angle = self.stack.rms_angle(self.wavelength)
         if largest < ANGLES_HELD * angle:
-            reject(
-                "ScreenWaves.spacing", f"at most {self.wavelength / (2 * ANGLES_HELD * angle):.3g}", self.spacing,
-                f"Its largest sine, {largest:.3g}, must hold {ANGLES_HELD:g} rms angles of {angle:.3g}: wider light "
-                "would be aliased.",
-            )  # fmt: skip
+            reject("ScreenWaves.spacing", f"at most {self.wavelength / (2 * ANGLES_HELD * angle):.3g}", self.spacing,
+                   f"Its largest sine, {largest:.3g}, must hold {ANGLES_HELD:g} rms angles of {angle:.3g}: wider light "
+                   "would be aliased.")  # fmt: skip
         lengths = self.stack.correlation_lengths
         if self.spacing > lengths.min() / 2:
             reject("ScreenWaves.spacing", f"at most half the correlation length {lengths.min():g}", self.spacing)

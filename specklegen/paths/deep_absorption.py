@@ -76,12 +76,10 @@ def require_reach(owner: str, variance: float, paths: int) -> None:
     needed = LEAST * variance
     enough = f"Trace {needed:.1e} paths or more" if needed <= MOST_PATHS / 10 else "Use a thinner medium"
     if variance > 0:
-        reject(
-            f"{owner} paths", "enough that light crosses the absorbing medium in some of them", paths,
-            f"Of {variance:.1e} paths about one carries what is seen behind it. {enough}; or use a Slab of matched "
-            "faces, beams, far views that all lie behind it, no reversed paths (reverse=False), and render or "
-            "memory_effect: there paths are drawn across.",
-        )  # fmt: skip
+        reject(f"{owner} paths", "enough that light crosses the absorbing medium in some of them", paths,
+               f"Of {variance:.1e} paths about one carries what is seen behind it. {enough}; or use a Slab of matched "
+               "faces, beams, far views that all lie behind it, no reversed paths (reverse=False), and render or "
+               "memory_effect: there paths are drawn across.")  # fmt: skip
     reject(f"{owner} paths", f"at most {MOST_PATHS:.0e}", paths, "Ask for a larger rel_error.")
 
 

@@ -103,7 +103,5 @@ def crossing_matrices(faces: Faces, direction: np.ndarray) -> np.ndarray:
 def require_reflection(medium: PlaneMedium, views: np.ndarray) -> None:
     """Refuse reversed paths through a slab with faces: both ways then end behind different ones."""
     if medium.refracts and len(views) and (views[:, 2] > 0).any():
-        reject(
-            "reverse", 'False or "auto" in transmission through faces that reflect', True,
-            "There is no backscattering direction behind the slab, so reversed paths add nothing.",
-        )  # fmt: skip
+        reject("reverse", 'False or "auto" in transmission through faces that reflect', True,
+               "There is no backscattering direction behind the slab, so reversed paths add nothing.")  # fmt: skip

@@ -171,10 +171,8 @@ class CollimatedBeams(Light):
         directions = _light("CollimatedBeams.directions", self.directions)
         if (directions[:, -1] <= 0).any():
             worst = directions[directions[:, -1].argmin()]
-            reject(
-                "CollimatedBeams.directions", "directions that travel towards +z", worst,
-                "Beams enter through the medium's face of smallest z.",
-            )  # fmt: skip
+            reject("CollimatedBeams.directions", "directions that travel towards +z", worst,
+                   "Beams enter through the medium's face of smallest z.")  # fmt: skip
         object.__setattr__(self, "directions", directions)
         if self.times is not None and self.times.shape != (len(directions),):
             reject("CollimatedBeams.times", f"{len(directions)} numbers, one a beam", self.times.shape)

@@ -142,11 +142,10 @@ class PlaneParallel(Bulk):
         sine = float(np.hypot(directions[..., 0], directions[..., 1]).max())
         if sine >= self.largest_sine:
             indices = self.faces.indices if not self.indices else (*self.indices, *self.faces.indices[1:])
-            reject(
-                field, f"of sines below {self.largest_sine:.4g}, where light crosses the faces of indices {indices}",
-                sine, "Sines are those inside, in the index faces.inside: outside they are inside / outside times as "
-                "large.",
-            )  # fmt: skip
+            reject(field, f"of sines below {self.largest_sine:.4g}, where light crosses the faces of indices {indices}",
+                   sine,
+                   "Sines are those inside, in the index faces.inside: outside they are inside / outside times as "
+                   "large.")  # fmt: skip
 
     @property
     def extinction(self) -> float:

@@ -299,11 +299,8 @@ class VoxelGrid(_Bounded):
             reject("VoxelGrid.scatterers", "at least one scatterer", self.scatterers)
         known = np.isin(self.material, np.arange(len(self.scatterers)))
         if not known.all():
-            reject(
-                "VoxelGrid.material",
-                f"whole numbers from 0 to {len(self.scatterers) - 1}, one for each scatterer",
-                float(np.atleast_1d(self.material)[~np.atleast_1d(known)][0]),
-            )
+            reject("VoxelGrid.material", f"whole numbers from 0 to {len(self.scatterers) - 1}, one for each scatterer",
+                   float(np.atleast_1d(self.material)[~np.atleast_1d(known)][0]))  # fmt: skip
         if isinstance(self.motion, tuple) and len(self.motion) != len(self.scatterers):
             reject("VoxelGrid.motion", f"one for all, or one for each of {len(self.scatterers)} scatterers",
                    len(self.motion))  # fmt: skip

@@ -81,12 +81,9 @@ class Scene(Value, Pictured):
         }
         known = {name: d for name, d in dimensions.items() if d is not None}
         if len(set(known.values())) > 1:
-            reject(
-                "Scene",
-                "all in space or all in flatland",
-                ", ".join(f"{name} of {d} coordinates" for name, d in known.items()),
-                "Flatland vectors are (x, z), those of space (x, y, z).",
-            )
+            reject("Scene", "all in space or all in flatland",
+                   ", ".join(f"{name} of {d} coordinates" for name, d in known.items()),
+                   "Flatland vectors are (x, z), those of space (x, y, z).")  # fmt: skip
         self._require_polarisers()
         if getattr(self.illumination, "times", None) is not None:  # beams alone have any
             moves = self.medium.moves if self.thin is None else self.thin.velocities is not None
@@ -137,10 +134,8 @@ class Scene(Value, Pictured):
     def _require_lens(self) -> None:
         """Refuse a lens before what it does not serve, an aperture that nothing fills, and pixels too large."""
         if not isinstance(self.medium, PlaneParallel) or not self.illumination.limited:
-            reject(
-                "Scene.sensor", "FarField or NearField before this medium and light", self.sensor.type,
-                "A lens looks at a Slab or Layers under CollimatedBeams or an IncoherentObject.",
-            )  # fmt: skip
+            reject("Scene.sensor", "FarField or NearField before this medium and light", self.sensor.type,
+                   "A lens looks at a Slab or Layers under CollimatedBeams or an IncoherentObject.")  # fmt: skip
         camera = cast(Imaging, self.sensor)
         require_range({"Imaging.focus": abs(camera.focus), "Imaging.pitch": camera.pitch})
         camera.require_lens(self.wavelength, self.medium.faces.largest_sine)
@@ -181,25 +176,20 @@ class Scene(Value, Pictured):
             return
         indices = self.volume.indices
         if not self.illumination.limited or self.sensor.near or self.dimension == 2:
-            reject(
-                f"{self.medium.type}.{'layers' if indices else 'faces'}",
-                f"{'of one index' if indices else 'matched'}, unless beams in space are seen from afar",
-                indices or self.medium.faces,
-                "Points beyond a refracting face and flatland are not modelled: leave faces out, or use "
-                "CollimatedBeams or an IncoherentObject with a far-field sensor.",
-            )  # fmt: skip
+            reject(f"{self.medium.type}.{'layers' if indices else 'faces'}",
+                   f"{'of one index' if indices else 'matched'}, unless beams in space are seen from afar",
+                   indices or self.medium.faces,
+                   "Points beyond a refracting face and flatland are not modelled: leave faces out, or use "
+                   "CollimatedBeams or an IncoherentObject with a far-field sensor.")  # fmt: skip
         if (self.sensor.focused or self.illumination.focused) and as_slab(self.slab) is None:
-            reject(
-                f"{self.medium.type}.{'layers' if indices else 'faces'}", "of one index before a lens",
-                indices or self.medium.faces, "Leave the steps out: a lens knows the faces of a Slab alone.",
-            )  # fmt: skip
+            reject(f"{self.medium.type}.{'layers' if indices else 'faces'}", "of one index before a lens",
+                   indices or self.medium.faces,
+                   "Leave the steps out: a lens knows the faces of a Slab alone.")  # fmt: skip
         self.slab.require_crossing(f"{self.illumination.type}.directions", self.lights)
         seen = self.sensor.corners
         if seen[..., 2].min(initial=0.0) < 0 < seen[..., 2].max(initial=0.0):
-            reject(
-                f"{self.sensor.type}.directions", "all on one side of a slab with refracting faces", "views on both",
-                "Make a scene of either side: light of the same seed is the same.",
-            )  # fmt: skip
+            reject(f"{self.sensor.type}.directions", "all on one side of a slab with refracting faces", "views on both",
+                   "Make a scene of either side: light of the same seed is the same.")  # fmt: skip
         self.slab.require_crossing(f"{self.sensor.type}.directions", seen)
 
     def _require_thin(self) -> None:
@@ -248,10 +238,8 @@ class Scene(Value, Pictured):
         """Refuse Mie spheres made for another wavelength."""
         for particle in (p for scatterer in self.volume.scatterers for p, _ in scatterer.components):
             if isinstance(particle, Mie) and abs(particle.wavelength / self.wavelength - 1) > 1e-9:
-                reject(
-                    "Mie.wavelength", f"that of the scene, {self.wavelength:g}", particle.wavelength,
-                    "Both are the wavelength inside the medium.",
-                )  # fmt: skip
+                reject("Mie.wavelength", f"that of the scene, {self.wavelength:g}", particle.wavelength,
+                       "Both are the wavelength inside the medium.")  # fmt: skip
 
     def _facts(self) -> Mapping[str, object]:
         about = {
@@ -444,7 +432,5 @@ def require_range(lengths: dict[str, float]) -> None:
     """Refuse lengths, by their names, whose fourth powers leave the range of floats."""
     for name, length in lengths.items():
         if length and not 1 / LARGEST <= length <= LARGEST:
-            reject(
-                name, f"between {1 / LARGEST:g} and {LARGEST:g}", length,
-                "Give every length in a unit near the wavelength: only ratios of lengths matter.",
-            )  # fmt: skip
+            reject(name, f"between {1 / LARGEST:g} and {LARGEST:g}", length,
+                   "Give every length in a unit near the wavelength: only ratios of lengths matter.")  # fmt: skip

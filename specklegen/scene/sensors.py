@@ -211,12 +211,8 @@ class FarFieldGrid(Sensor):
         x, y = self.sines
         corner = np.hypot(np.abs(x).max(), np.abs(y).max())
         if corner > 1:
-            reject(
-                "FarFieldGrid.pitch",
-                "small enough that every view has a direction sine of at most 1",
-                self.pitch,
-                f"The corner of this grid would lie at {corner:.3g}: lower shape, pitch or |center|.",
-            )
+            reject("FarFieldGrid.pitch", "small enough that every view has a direction sine of at most 1", self.pitch,
+                   f"The corner of this grid would lie at {corner:.3g}: lower shape, pitch or |center|.")  # fmt: skip
         return self
 
     @classmethod
@@ -299,13 +295,9 @@ def require_resolved(field: str, wavelength: float, width: float, pitch: float) 
     """Refuse a grid that undersamples the speckle's intensity: pitch <= wavelength / (2 width)."""
     grain = wavelength / width
     if pitch > 0.5 * grain * (1 + 1e-9):
-        reject(
-            field,
-            f"at most half the speckle size (wavelength / width = {grain:.3g})",
-            pitch,
-            f"It undersamples the speckle: use a pitch <= {grain / 2:.3g}, or a beam narrower than "
-            f"{wavelength / (2 * pitch):.4g}.",
-        )
+        reject(field, f"at most half the speckle size (wavelength / width = {grain:.3g})", pitch,
+               f"It undersamples the speckle: use a pitch <= {grain / 2:.3g}, or a beam narrower than "
+               f"{wavelength / (2 * pitch):.4g}.")  # fmt: skip
 
 
 class NearField(Sensor):

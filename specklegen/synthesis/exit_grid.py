@@ -78,13 +78,11 @@ def stack_axes(scene: Scene, drift: np.ndarray | None = None) -> tuple[Axis, Axi
         span = grid.pitch * (grid.shape[1 - axis] - 1) + reach
         guarded = span + GUARD * scene.wavelength / beams.width
         if guarded / grid.pitch + 1 > MAX_PERIOD:
-            reject(
-                "CollimatedBeams.directions",
-                f"within the reach of a transform of {MAX_PERIOD} views for the stationary sampler",
-                f"tilts {reach:.3g} apart along {name}, {guarded / grid.pitch:.3g} views of pitch {grid.pitch:.3g} "
-                f"with their guard of {GUARD} grains",
-                'Use sampler="paths", a coarser pitch, or fewer and closer tilts.',
-            )
+            reject("CollimatedBeams.directions",
+                   f"within the reach of a transform of {MAX_PERIOD} views for the stationary sampler",
+                   f"tilts {reach:.3g} apart along {name}, {guarded / grid.pitch:.3g} views of pitch {grid.pitch:.3g} "
+                   f"with their guard of {GUARD} grains",
+                   'Use sampler="paths", a coarser pitch, or fewer and closer tilts.')  # fmt: skip
         axes.append(cells(scene.wavelength, beams.width, beams.profile, grid.pitch, span))
         if drift is not None:
             moved = float(np.abs(drift[:, axis]).max(initial=0.0))

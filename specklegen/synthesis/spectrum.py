@@ -234,12 +234,9 @@ def light_modes(
     squares = np.cumsum(np.square(power))
     kept = int(np.searchsorted(squares, (1 - tolerance) * squares[-1])) + 1
     if kept > most:
-        reject(
-            "light_modes width",
-            f"narrow enough for {most} modes of light",
-            f"{width:.3g}, which makes {kept} and leaves a contrast of {np.sqrt(squares[-1]):.2g}",
-            "Use a narrower filter, or a thinner or less scattering layer.",
-        )
+        reject("light_modes width", f"narrow enough for {most} modes of light",
+               f"{width:.3g}, which makes {kept} and leaves a contrast of {np.sqrt(squares[-1]):.2g}",
+               "Use a narrower filter, or a thinner or less scattering layer.")  # fmt: skip
     gates = np.square(vectors[:, :kept]) / share[:, None]  # up to mu_n, which the kernels do not feel
     correlations = tuple(
         MemoryEffectCorrelation(

@@ -402,10 +402,8 @@ def motion_contrast_estimate(field: FieldCorrelation, exposure: float, grains: A
     """
     n = _grains("motion_contrast_estimate", grains)
     if sub_frame_contrast_squared(field, exposure, _MOST_SIDE) > (1 + _TRACES) * contrast_squared(field, exposure):
-        reject(
-            "motion_contrast_estimate exposure", f"so short that {_MOST_SIDE} sub-frames are enough", exposure,
-            "By its value alone a contrast that small is estimated as contrast_estimate says.",
-        )  # fmt: skip
+        reject("motion_contrast_estimate exposure", f"so short that {_MOST_SIDE} sub-frames are enough", exposure,
+               "By its value alone a contrast that small is estimated as contrast_estimate says.")  # fmt: skip
     count = max(sub_frames(field, exposure, tolerance=_TRACES), 2)
     matrix = toeplitz(np.asarray(field(exposure / count * np.arange(count)))) / count
     twice = matrix @ matrix

@@ -54,10 +54,8 @@ def _film(sight: Sight, n: int, stack: ScreenStack, moved: np.ndarray) -> tuple[
     film = film_of(stack, wavelength, moved, window)
     error = film_error(film, stack, wavelength, moved, window, reach)
     if error > _LOST:
-        reject(
-            "Dynamics.velocities", f"such that frames are like tilts within {_LOST:g} in C_I",
-            float(f"{error:.2g}"), "Move the screens less, or use two screens, of which it is exact.",
-        )  # fmt: skip
+        reject("Dynamics.velocities", f"such that frames are like tilts within {_LOST:g} in C_I", float(f"{error:.2g}"),
+               "Move the screens less, or use two screens, of which it is exact.")  # fmt: skip
     return film.tilts, film.kept
 
 
@@ -67,18 +65,15 @@ def _envelope(sight: Sight, n: int, stack: ScreenStack) -> tuple[int, np.ndarray
     terms = lobes(stack, wavelength)
     mirrored = terms.mirrored
     if mirrored > _LOST:
-        reject(
-            "Diffuser.screens", f"so strong that an image's mirror image is correlated with it by {_LOST:g} at most",
-            float(f"{mirrored:.2g}"), "Raise the rms phase to 2 or more; render() draws single weak screens.",
-        )  # fmt: skip
+        reject("Diffuser.screens", f"so strong that an image's mirror image is correlated with it by {_LOST:g} at most",
+               float(f"{mirrored:.2g}"),
+               "Raise the rms phase to 2 or more; render() draws single weak screens.")  # fmt: skip
     half = 0.5 * float(sight.object_pitch[n]) * (np.array(sight.shape[::-1]) - 1)
     farthest = np.hypot(*(np.abs(base) + half).T).max(initial=0.0)
     kept = index_correlation(stack, wavelength, np.array([0.0, farthest]))[0, 1] ** 2
     if kept < 1 - _LOST:
-        reject(
-            "Diffuser.screens", f"of an index that leaves {1 - _LOST:g} of the correlation across object and tilts",
-            float(f"{kept:.3g}"), "Use a smaller object, smaller tilts, or a lower rms height.",
-        )  # fmt: skip
+        reject("Diffuser.screens", f"of an index that leaves {1 - _LOST:g} of the correlation across object and tilts",
+               float(f"{kept:.3g}"), "Use a smaller object, smaller tilts, or a lower rms height.")  # fmt: skip
 
     def squared(x: np.ndarray, y: np.ndarray, points: np.ndarray) -> np.ndarray:
         """E^2 [T, B, len(y), len(x)] of the beams at points x points of the object, rows first, over its half sides."""

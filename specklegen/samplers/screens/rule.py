@@ -37,10 +37,8 @@ def screens_decision(scene: Scene, request: Request) -> tuple[bool, Decision]:
     worst = max(deviations, key=lambda what: deviations[what])
     right = deviations[worst] <= request.tolerance
     if not right and request.asked != part:
-        reject(
-            "Scene", f"such that screens are drawn within {request.tolerance:g}", f"{worst} {deviations[worst]:.2g}",
-            f"{_REMEDIES[worst]} Or ask for sampler=\"screens\" all the same.",
-        )  # fmt: skip
+        reject("Scene", f"such that screens are drawn within {request.tolerance:g}", f"{worst} {deviations[worst]:.2g}",
+               f"{_REMEDIES[worst]} Or ask for sampler=\"screens\" all the same.")  # fmt: skip
     return True, Decision(part, True, f"in closed form; {reason}", doubt=not right)
 
 

@@ -63,10 +63,8 @@ class Mie(_WithAnisotropy):
         if index.real <= 0:
             reject("Mie.refractive_index", "of a real part greater than 0", index)
         if index.imag < 0:
-            reject(
-                "Mie.refractive_index", "of an imaginary part of at least 0 (absorption)", index,
-                "Fields go as e^(+ikr) here: n + i kappa absorbs.",
-            )  # fmt: skip
+            reject("Mie.refractive_index", "of an imaginary part of at least 0 (absorption)", index,
+                   "Fields go as e^(+ikr) here: n + i kappa absorbs.")  # fmt: skip
         if index == 1:
             reject("Mie.refractive_index", "other than 1: such a sphere scatters nothing", index)
         return index

@@ -43,10 +43,8 @@ class Mixture(_WithAnisotropy):
             reject("Mixture.fractions", f"one a type, {len(self.types)} in all", self.fractions)
         total = math.fsum(self.fractions)
         if abs(total - 1) > 1e-9:
-            reject(
-                "Mixture.fractions", "numbers that sum to 1 within 1e-9", self.fractions,
-                f"They sum to {total:.12g}: divide them by that.",
-            )  # fmt: skip
+            reject("Mixture.fractions", "numbers that sum to 1 within 1e-9", self.fractions,
+                   f"They sum to {total:.12g}: divide them by that.")  # fmt: skip
         present = [pair for pair in zip(self.types, self.fractions, strict=True) if pair[1] > 0]
         types, fractions = zip(*present, strict=True)
         self.__dict__.update(types=types, fractions=fractions)  # a frozen value, not yet handed out

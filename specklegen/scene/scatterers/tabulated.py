@@ -75,10 +75,8 @@ class Tabulated(_WithAnisotropy):
             at = int(np.argmax(np.diff(theta) <= 0))
             reject("Tabulated.theta", "strictly rising", theta[at : at + 2], "Sort the angles and drop doubles.")
         if theta[0] > 1e-9 or abs(theta[-1] - math.pi) > 1e-9:
-            reject(
-                "Tabulated.theta", "angles from 0 to pi (radians)", theta[[0, -1]],
-                "Convert degrees with np.deg2rad, and give the amplitude at both ends.",
-            )  # fmt: skip
+            reject("Tabulated.theta", "angles from 0 to pi (radians)", theta[[0, -1]],
+                   "Convert degrees with np.deg2rad, and give the amplitude at both ends.")  # fmt: skip
         if not s.any():
             reject("Tabulated.amplitude", "other than 0 somewhere", s)
         return self
