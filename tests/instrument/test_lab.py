@@ -16,14 +16,9 @@ from specklegen.instrument.lab import PHASE_LIMIT, LabSetup
 FALSE_ALARM = 1e-6  # chance that a right build fails, per test
 
 EXAMPLE = {  # millimetres: the example of the published check
-    "wavelength": 532e-6,
-    "object_distance": 100.0,
-    "camera_distance": 50.0,
-    "object_extent": 0.4,
-    "aperture": 2.0,
-    "pixel_pitch": 0.005,
-    "pixels": (128, 128),
-}
+    "wavelength": 532e-6, "object_distance": 100.0, "camera_distance": 50.0, "object_extent": 0.4, "aperture": 2.0,
+    "pixel_pitch": 0.005, "pixels": (128, 128),
+}  # fmt: skip
 
 
 def exact_phase(setup, x, y, source, pixel):

@@ -87,11 +87,9 @@ def assert_same_covariance(first, second):
 
 
 FORWARD = [  # half of all combinations: every two values of two of side, g and optical depth meet
-    ("transmission", 0.0, 2.0, 0.0, 0.0),
-    ("transmission", 0.5, 0.5, 0.0, 0.0),
-    ("reflection", 0.0, 0.5, 0.0, 0.3),
+    ("transmission", 0.0, 2.0, 0.0, 0.0), ("transmission", 0.5, 0.5, 0.0, 0.0), ("reflection", 0.0, 0.5, 0.0, 0.3),
     ("reflection", 0.5, 2.0, 0.0, 0.3),
-]
+]  # fmt: skip
 OBLIQUE = ("transmission", 0.5, 2.0, 0.5, 0.0)  # cosines of beam, footprint and depth count
 
 

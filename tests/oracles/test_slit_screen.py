@@ -8,9 +8,8 @@ from specklegen.oracles.slit_screen import slit_screen
 X = np.array([0.0, 4.0, 8.0, 20.0])
 POINTS = np.stack([X, np.full(4, 50.0)], axis=1)
 FIGURES = {  # |u|^2 behind 10 wavelengths at Z = 50, from an independent implementation, printed to 8 digits
-    "hard": [1.54946444, 0.26516034, 0.123316, 0.01058395],
-    "soft": [1.63800895, 0.23241488, 0.1210614, 0.00994154],
-}
+    "hard": [1.54946444, 0.26516034, 0.123316, 0.01058395], "soft": [1.63800895, 0.23241488, 0.1210614, 0.00994154],
+}  # fmt: skip
 TRANSMITTED = {  # width in wavelengths: hard, soft; printed to 5 digits
     10: (1.00001, 0.99792), 1: (1.00331, 0.95310), 0.2: (1.05570, 0.11144),
 }  # fmt: skip

@@ -13,11 +13,8 @@ from specklegen.oracles.wave_solver import LineSources, PlaneLights, directions_
 
 ROUNDING = 1e-13  # systems of a few dozen unknowns with fields of order 1; measured up to 1e-14
 KINDS = [  # radius, index, orders kept: thin and resonant, thin, thick
-    (0.02, 7.3, 0),
-    (0.02, 7.277, 1),
-    (0.1, 1.8, 4),
-    (0.25, 2.5, 6),
-]
+    (0.02, 7.3, 0), (0.02, 7.277, 1), (0.1, 1.8, 4), (0.25, 2.5, 6),
+]  # fmt: skip
 TURNS = directions_of(np.array([0.0, 0.3, 2.0, 4.4]))
 
 
