@@ -32,10 +32,6 @@ def test_a_changed_file_has_its_tests(file, tests):
     assert chosen(file) == tests
 
 
-def test_a_folder_stands_for_its_files():
-    assert chosen("specklegen/kernels/walk.py", "tests/kernels/test_bessel.py") == {"tests/kernels", "tests/paths"}
-
-
 def test_every_selection_exists():
     """Of all modules of the library, and where nothing has changed."""
     modules = [name for name in grimp.build_graph("specklegen").modules if name.count(".")]

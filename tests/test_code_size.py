@@ -44,8 +44,3 @@ def test_rooms_above_their_ceiling_are_named():
     problems = COUNT["excess"](code, {"specklegen/core": 10, "tests": 5})
     assert problems == ["models has 1 code lines; its ceiling is not set",
                         "specklegen/core has 11 code lines; its ceiling is 10"]  # fmt: skip
-
-
-def test_linked_folders_count_once():
-    files = list(COUNT["python_files"]("specklegen"))
-    assert not any(file.is_relative_to("specklegen/datasets") for file in files)

@@ -114,13 +114,6 @@ def test_what_killed_processes_left_goes_with_the_oldest(root, monkeypatch):
     assert len(list((root / "pilots").iterdir())) <= 3 + disk_cache._SWEEP
 
 
-def test_a_process_writes_so_many_files(root, monkeypatch):
-    monkeypatch.setattr(disk_cache, "MOST_OF_A_PROCESS", 5)
-    for n in range(9):
-        write("pilots", f"{n}", b"abc")
-    assert len(list((root / "pilots").iterdir())) == 5
-
-
 # What cannot be written
 def blocked(root, _):
     root.write_text("in the way")
@@ -307,13 +300,6 @@ def test_sources_of_results_are_files_that_are_imported_and_data():
     data = {*(ROOT / "specklegen" / "data").iterdir()}
     assert data <= sources_of(ROOT / "specklegen" / "memory_effects" / "atlas.py")
     assert not data & sources_of(ROOT / "specklegen" / "kernels" / "walk.py")
-
-
-def test_sources_of_a_command_are_what_it_loads_by_public_names_too():
-    sources = sources_of(ROOT / "specklegen" / "cli" / "recipes.py")
-    assert {ROOT / "specklegen" / name for name in (
-        "datasets/__init__.pyi", "datasets/recipes/registry.py", "planning/planning.py", "data/glyphs.npz"
-    )} <= sources  # fmt: skip
 
 
 def test_the_digest_follows_every_source_and_no_other_file(tmp_path, monkeypatch):

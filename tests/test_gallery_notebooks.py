@@ -28,12 +28,6 @@ def test_a_notebook_installs_all_that_its_script_imports(name):
     assert set(notebooks.extras(SCRIPTS[name])) <= PROJECT["optional-dependencies"].keys()
 
 
-def test_objects_that_need_an_extra_bring_it():
-    assert notebooks.extras('load_recipe("x", {"objects": {"type": "Silhouettes"}})') == ["photographs", "torch"]
-    assert notebooks.extras("import specklegen as sg\nsg.Mie") == ["mie", "torch"]
-    assert notebooks.extras("import numpy") == ["torch"]
-
-
 def test_the_first_cell_installs_the_release_and_the_others_stay():
     made = notebooks.with_install({"cells": [{"source": ["1"]}], "nbformat": 4}, "import deepinv", "1.2.3")
     assert made["cells"][0]["source"] == ['%pip install --quiet "specklegen-torch[deepinv,torch]==1.2.3"']

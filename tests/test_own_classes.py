@@ -163,17 +163,6 @@ def test_a_family_in_toml_and_in_python_is_one(recipe, own):
     np.testing.assert_array_equal(picture, recipe.objects.image(0, "train", 0))
 
 
-def test_a_mixture_may_hold_it(own):
-    mixture = {"type": "Families", "shape": [12, 12], "families": [{"type": "Hoops"}, {"type": "Points"}]}
-    families = load_recipe("through-slab", {"objects": mixture}).objects.families
-    assert [type(family).__name__ for family in families] == ["Hoops", "Points"]
-
-
-def test_nothing_tells_where_the_file_lies(recipe, folder):
-    assert str(folder) not in recipe.canonical_json()
-    assert tomllib.loads(recipe.objects.to_toml())["type"] == "Hoops"
-
-
 def test_a_stream_with_workers_makes_the_same_samples(recipe):
     alone = list(SpeckleStream(recipe, batch_size=6).loader(0))
     several = list(SpeckleStream(recipe, batch_size=6).loader(2, timeout=120))

@@ -21,8 +21,7 @@ from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.datasets.recipes.parts.sampler import NUMBERS, OWN
 from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.verify import verify
-from specklegen.planning.planning import PACKAGED
-from specklegen.samplers.sampler import SAMPLERS, Abilities, MediaSampler, Sampler
+from specklegen.samplers.sampler import SAMPLERS, Abilities, Sampler
 
 PAGE = (ROOT / "docs" / "extending.md").read_text()
 (WRITTEN,) = re.findall(r"```python\n(# one_distance\.py\n.*?)```", PAGE, re.DOTALL)
@@ -193,8 +192,3 @@ def test_one_says_what_it_cannot_draw():
 def test_one_written_for_an_earlier_version_is_refused_by_name(name, value):
     with pytest.raises(RuleError, match=rf"Former\.{name} must be given by (abilities|cost\(\)); got .*extending"):
         type("Former", (Sampler,), {name: value})
-
-
-def test_samples_know_every_packaged_sampler_that_renders_recipes():
-    assert sorted(NUMBERS) == sorted(kind.name for kind in PACKAGED if issubclass(kind, MediaSampler))
-    assert OWN not in NUMBERS.values()

@@ -44,13 +44,6 @@ def test_media_say_what_they_are_like(medium, sides, homogeneous, dimension, mat
     assert (medium.stack is None) == (medium in (BOX, GRID, SLAB))
 
 
-def test_volumes_say_where_they_are():
-    assert (BOX.narrowest, GRID.narrowest, SLAB.narrowest) == (2.0, 2.0, 3.0)
-    assert (BOX.voxel_counts, GRID.voxel_counts, SLAB.voxel_counts) == ((1, 1, 1), (3, 4), (1, 1, 1))
-    assert BOX.contains(np.array([[0.0, 0, 0], [0, 0, 5]])).tolist() == [True, False]
-    assert SLAB.contains(np.array([[9.0, 0, 3], [0, 0, -1]])).tolist() == [True, False]
-
-
 @pytest.mark.parametrize(
     ("light", "limited", "near", "coherent"),
     [(sg.PlaneWaves([[0.0, 0, 1]]), False, False, True), (sg.PointSources([[0.0, 0, -9]]), False, True, True),
@@ -61,10 +54,3 @@ def test_volumes_say_where_they_are():
 def test_lights_say_what_they_are_like(light, limited, near, coherent):
     assert (light.limited, light.near, light.coherent) == (limited, near, coherent)
     assert light.vectors.shape == (1, 3)
-
-
-def test_sensors_say_what_they_are_like():
-    grid, far, near = sg.FarField.grid((3, 4), 1e-3), sg.FarField([[0.0, 0, 1]]), sg.NearField([[0.0, 0, 9]])
-    assert [each.near for each in (grid, far, near)] == [False, False, True]
-    assert [each.regular_grid for each in (grid, far, near)] == [grid, None, None]
-    assert [len(each.corners) for each in (grid, far, near)] == [4, 1, 1]

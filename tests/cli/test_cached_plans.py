@@ -15,7 +15,6 @@ from scenes import ROOT
 from specklegen.cli import cached_plans
 from specklegen.cli.cached_plans import cached_answer, caching, name_of_answer
 from specklegen.core import libraries
-from specklegen.datasets.recipes.recipe_files import recipe_names, recipe_table
 
 ENGINES = ("numba", "torch", "scipy", "finufft", "zarr")
 PROGRAM = f"""
@@ -113,10 +112,6 @@ def test_an_answer_is_of_one_recipe_one_package_and_one_machine(first_command, m
             names.append(name_of_answer(TABLE, None))
     libraries.arithmetic.cache_clear()
     assert len(set(names)) == len(names) - 1
-
-
-def test_every_packaged_recipe_has_a_name(first_command):
-    assert len({name_of_answer(recipe_table(name), None) for name in recipe_names()} - {None}) == len(recipe_names())
 
 
 @pytest.mark.parametrize("outside", [

@@ -13,7 +13,7 @@ import pytest
 import torch
 from matplotlib.figure import Figure
 from PIL import Image
-from public_names import RESULTS, TYPES
+from public_names import RESULTS
 from scenes import ROOT
 from scipy.integrate import trapezoid
 from small_stores import make
@@ -150,13 +150,6 @@ def test_a_result_has_a_line_a_table_and_a_picture(name):
     assert any("fog" in label for label in labels)  # the name of a curve, or a title
 
 
-def test_a_curve_is_plotted_as_it_is():
-    curve = sg.memory_effect(SLAB, wavelength=0.5, tilts=[-1e-3, 0.0, 2e-3], paths=128)
-    line = curve.plot(Figure().subplots(), label="fog").lines[0]
-    np.testing.assert_array_equal(line.get_xdata(), np.abs(curve.q))
-    np.testing.assert_array_equal(line.get_ydata(), curve.intensity)
-
-
 def test_the_best_shift_of_a_tilt_is_drawn_through_the_maximum():
     """Behind one screen the pattern stands still at the screen: nothing is lost along the line, all off it."""
     gap, tilts = 2000.0, np.array([-2e-3, 0.0, 2e-3])
@@ -216,11 +209,6 @@ def test_a_result_of_many_numbers_shows_none_of_them(kind):
     assert len(told) < 500
     assert told.count("float32[1000, 1000]") <= sum(value is many for value in held.values())
     assert "..." not in told  # no array has been cut short
-
-
-def test_nothing_public_shows_an_address():
-    kinds = [kind for kind in TYPES if not getattr(kind, "_is_protocol", False)]
-    assert not [kind for kind in kinds if kind.__repr__ is object.__repr__]
 
 
 def test_the_phase_function_that_is_plotted_has_unit_integral():

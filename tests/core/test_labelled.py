@@ -124,12 +124,6 @@ def test_a_stack_says_where_its_views_and_lights_are():
     assert (image["x"].dims, image["intensity"].attrs["units"]) == (("columns",), "1")
 
 
-def test_units_stand_in_brackets(tmp_path):
-    RESULTS["MemoryEffect"]().to_csv(tmp_path / "a.csv")
-    head = (tmp_path / "a.csv").read_text().splitlines()[0]
-    assert head == "tilts [rad],q,field.real,field.imag,intensity,decorrelation,standard_error"
-
-
 def test_other_endings_and_endless_tables_are_refused(tmp_path, monkeypatch):
     curve = temporal()
     for path, verb in ((tmp_path / "a.csv", "save"), (tmp_path / "a.npz", "to_csv"), (3, "save")):

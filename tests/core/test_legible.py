@@ -44,13 +44,6 @@ def test_a_signature_says_type_rule_and_default():
         assert str(inspect.signature(kind)).startswith(told.rstrip(")"))
 
 
-def test_the_tab_key_offers_fields_and_methods_of_the_value():
-    slab = sg.Slab(thickness=1.0, mean_free_path=1.0, scatterer=sg.Isotropic())
-    offered = {name for name in dir(slab) if not name.startswith("_")}
-    assert {"thickness", "scatterer", "optical_depth", "replace", "fingerprint"} <= offered
-    assert {name for name in offered if name.startswith("model_")} == set()
-
-
 def test_a_field_whose_place_is_obvious_needs_no_name():
     for kind, field, value in (
         (sg.HenyeyGreenstein, "g", 0.9), (sg.VonMisesFisher, "concentration", 30.0),

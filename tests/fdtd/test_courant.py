@@ -85,8 +85,3 @@ def test_permittivities_that_are_not_positive_are_refused(bad):
     for call in (courant_limit, lambda k: yee(layer, kappa=k), lambda k: transfer_matrix(k, np.array([0.1]))):
         with pytest.raises(ValueError, match="kappa must be finite and above -1"):
             call(kappa)
-
-
-def test_unknown_method_is_refused():
-    with pytest.raises(ValueError, match="courant_limit.method must be one of"):
-        courant_limit(np.zeros(3), "guess")  # type: ignore[arg-type]

@@ -53,13 +53,6 @@ def test_result_does_not_depend_on_threads_and_is_pure():
     assert not np.array_equal(one.back, monte_carlo_mean(LAYER, 300, pulse=PULSE, seed=1).back)
 
 
-def test_one_realization_has_no_standard_error():
-    one = monte_carlo_mean(LAYER, 1, pulse=PULSE)
-    assert np.isnan(one.back_error).all()
-    assert np.isfinite(one.back).all()
-    assert monte_carlo_mean(LAYER, 2, pulse=PULSE).back_error.max() > 0
-
-
 def test_the_transform_is_long_enough():
     """A layer that rings (n = 1.59 in 1.45) does not wrap around: the march agrees over the whole record."""
     layer = RandomLayer(correlation_length=np.inf, n_points=300, rms_index=0)

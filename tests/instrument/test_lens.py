@@ -162,12 +162,6 @@ def test_a_point_at_depth_in_focus_and_five_rayleigh_lengths_off():
     assert np.abs(spot).max() / np.abs(image).max() == pytest.approx(np.sqrt(1 + 5**2), rel=0.02)
 
 
-def test_magnification_only_names_other_pixels():
-    one, ten = (lens(scene(magnification=m, pitch=m), 31) for m in (1.0, 10.0))
-    far = fields_of(one)
-    np.testing.assert_allclose(one.image(far), ten.image(far), rtol=1e-12)
-
-
 def test_a_lens_is_linear_in_the_precision_it_is_given():
     through = lens(scene(focus=7.0), 31)
     far = fields_of(through, 3)

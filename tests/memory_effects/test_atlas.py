@@ -76,12 +76,6 @@ def wavevectors(kernel: MemoryEffectCorrelation) -> np.ndarray:
     return q[: high[-1] + 2]
 
 
-# The table
-def test_size():
-    tables = {table for family in atlas.TABLES.values() for table in family}
-    assert sum(atlas.file_of(table).stat().st_size for table in tables) <= 4e6  # type: ignore[attr-defined]
-
-
 @pytest.mark.parametrize("name", [atlas.HENYEY_GREENSTEIN, atlas.FORWARD, atlas.VON_MISES_FISHER])
 def test_layout(name):
     table = atlas.load(name)
@@ -117,10 +111,6 @@ def test_outside_is_none(parameters):
     outside = slab(*parameters)
     assert atlas_errors(outside) is None
     assert atlas_correlation(outside, tolerance=np.inf) is None
-
-
-def test_no_thickness_is_outside():
-    assert atlas_correlation(Slab(thickness=0.0, mean_free_path=1.0, scatterer=HenyeyGreenstein(g=0.5))) is None
 
 
 def test_tolerance_decides():
@@ -167,11 +157,6 @@ def test_no_step_where_tables_meet(make, g, wide):
     assert np.abs(below(q) ** 2 - above(q) ** 2).max() < limit
 
 
-def test_equal_g_is_not_equal_memory_effect():
-    """At g = .95 and optical depth 2 the half ranges of the two families differ by more than a factor of two."""
-    assert served(slab(2.0, 0.95)).half_range() > 2 * served(fog(2.0, 0.95)).half_range()
-
-
 def test_the_digest_is_that_of_the_tables_that_serve():
     """Of a recipe within the first table as ever; others change where another table takes part."""
     first = hashlib.sha256(atlas.file_of(atlas.HENYEY_GREENSTEIN).read_bytes()).hexdigest()
@@ -185,11 +170,6 @@ def test_scales_with_thickness():
     q = np.linspace(0, 20, 50)
     np.testing.assert_allclose(large(q / 1000), small(q), atol=1e-12)
     np.testing.assert_allclose(large.weights, small.weights, rtol=1e-12)
-
-
-def test_isotropic_is_g_zero():
-    isotropic = served(Slab(thickness=1.0, mean_free_path=0.2, scatterer=Isotropic()))
-    np.testing.assert_array_equal(isotropic.radius, served(slab(5.0, 0.0)).radius)
 
 
 def test_continuous_across_cells():

@@ -357,10 +357,3 @@ def test_a_channel_is_enhanced_as_the_literature_has_it():
 def test_what_is_not_known_is_refused(name):
     call, told = REFUSED[name]
     assert_refused(call, told)
-
-
-def test_scalar_slabs_are_what_they_were():
-    plain = slab(1, polarisation="scalar")
-    assert plain.fingerprint() == slab_of_depth(1, thickness=THICKNESS).replace(scatterer=AIR).fingerprint()
-    assert slab(1).fingerprint() != plain.fingerprint()
-    assert sg.Slab.from_toml(slab(1).to_toml()) == slab(1)

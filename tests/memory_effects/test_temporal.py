@@ -319,9 +319,3 @@ def test_contrast_where_both_ways_of_a_path_interfere():
     assert found.reverse
     integral = 2 * np.mean((1 - u) * np.square(np.abs(found.field)))
     assert found.contrast(0.1 / K**2).squared == pytest.approx(integral, abs=found.standard_error.max() / 3)
-
-
-def test_a_diffusion_of_0_is_rest():
-    found = curve(slab(5, ISOTROPIC, motion=sg.Brownian(diffusion=0.0)), [0.0, 1.0], paths=500)
-    np.testing.assert_allclose(found.intensity, 1.0)
-    assert found.static_share == 1.0

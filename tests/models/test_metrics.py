@@ -156,12 +156,6 @@ def test_intervals_over_images_do_not():
     assert coverage(100, by_medium=False) < binom.ppf(5e-7, 100, 0.9 - 0.015)
 
 
-def test_bootstrap_is_a_function_of_its_seed():
-    values, media = clustered(np.random.default_rng(0), 10, 4)
-    assert metrics.bootstrap(values, media, seed=3) == metrics.bootstrap(values, media, seed=3)
-    assert metrics.bootstrap(values, media).mean == pytest.approx(values.mean())
-
-
 def test_images_without_a_character_are_like_no_other():
     """Two labelled images among two hundred leave the interval of the media alone, to 15 % of its width. As one
     character together, the others would be drawn not at all, once or twice: the width would be a half more."""

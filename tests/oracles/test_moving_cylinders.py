@@ -55,13 +55,6 @@ def test_steps_have_their_variance_and_keep_cylinders_apart():
     assert_mean(np.square(steps).reshape(64, -1).mean(axis=1), 0.01)
 
 
-def test_the_work_may_be_shared():
-    options = {"placements": 16, "seed": 1, "batches": 4}
-    one, three = (temporal_correlation(WEAK, LIGHTS, far, X, workers=n, **options) for n in (1, 3))
-    for name in ("field", "standard_error", "imaginary"):
-        assert np.array_equal(getattr(one, name), getattr(three, name))
-
-
 @pytest.mark.parametrize(("x", "placements", "words"), [
     ([0.2, 0.1], 256, "x must be finite, at least 0, and each at least the one before"),
     ([-0.2], 256, "x must be finite, at least 0"), ([np.inf], 256, "x must be finite"), ([], 256, "x must be finite"),

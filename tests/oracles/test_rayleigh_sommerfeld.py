@@ -14,10 +14,3 @@ def test_on_the_axis_of_a_disc():
     found = surface_field(wedges, [[0, 0, z]], order=24)[0]
     assert found == pytest.approx(disc_axis(3.0, z), abs=1e-4)
     assert abs(found - disc_axis(3.01, z)) > 1e-2
-
-
-def test_orders_agree():
-    triangle = np.array([[[0.0, 0.0], [5.0, 1.0], [2.0, 6.0]]])
-    at = [[2.0, 2.0, 3.0], [8.0, -3.0, 20.0]]
-    assert np.abs(surface_field(triangle, at, order=50) - surface_field(triangle, at, order=70)).max() < 1e-11
-    assert np.abs(surface_field(triangle, at, order=8) - surface_field(triangle, at, order=70)).max() > 1e-3

@@ -86,12 +86,6 @@ def test_layers_in_air_are_those_of_mcml():
     assert_z(found.transmittance, 0.0964896, found.transmittance_error, slack=4e-4)
 
 
-def test_adding_equal_layers_is_doubling():
-    whole, halves = layered_light([(4.0, 0.9, 0.7)]), layered_light([(1.0, 0.9, 0.7), (3.0, 0.9, 0.7)])
-    for name in ("transmitted", "reflected", "transmittance", "reflectance"):
-        assert getattr(halves, name) == pytest.approx(getattr(whole, name), rel=1e-7)
-
-
 def test_the_memory_effect_is_that_of_a_literal_walk():
     q = np.array([0.02, 0.05, 0.1])
     table = [(lay.thickness, lay.mean_free_path, lay.albedo, lay.scatterer.g, 1.0) for lay in CLEAR]

@@ -150,10 +150,3 @@ def test_only_what_needs_it_is_drawn():
     assert not drawn(slab(0.9, 30.0), reverse=True)
     proposal = plane_tracer(slab(0.9, 30.0), 1.0, AXIS[None], AXIS[None], False).proposal
     assert not stretches(slab(0.9, 30.0), replace(proposal, probes=np.stack([AXIS, back])))
-
-
-def test_a_bank_does_not_depend_on_threads_or_splits():
-    tracer = plane_tracer(slab(0.5, 40.0), 1.0, AXIS[None], AXIS[None], False)
-    whole = tracer.trace(5, 5000, threads=1)
-    parts = [tracer.trace(5, 2000, threads=2), tracer.trace(5, 3000, first=2000, threads=2)]
-    assert whole.records.tobytes() == b"".join(part.records.tobytes() for part in parts)

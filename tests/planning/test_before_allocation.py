@@ -28,10 +28,6 @@ def scene(medium: sg.Slab) -> sg.Scene:
                     sensor=sg.FarField.grid(shape=(4, 4), pitch=4e-5))  # fmt: skip
 
 
-def test_a_grid_beyond_memory_is_refused():
-    assert_refused(lambda: sg.FarField.grid(shape=(10**12, 1), pitch=1e-13), "FarFieldGrid.shape must be at most")
-
-
 def test_a_tilt_is_the_same_among_many_and_alone():
     """Tilts are taken one after the other: amplitudes of all at once took 75 GiB for 1e5 of them."""
     many, one = (

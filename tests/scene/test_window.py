@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import specklegen as sg
 from specklegen.scene.window import PROFILES, Window
 
 WIDTH = 3.0
@@ -75,9 +74,3 @@ def test_cells_share_the_power():
     gaussian = Window("gaussian", WIDTH)
     np.testing.assert_allclose(gaussian.cell_power(centres, size), gaussian.amplitude(centres) ** 2)
     assert [Window(profile, WIDTH).separable for profile in PROFILES] == [True, False, True]
-
-
-def test_the_beams_have_a_window():
-    beams = sg.CollimatedBeams.tilts([0.0], width=WIDTH, profile="disc")
-    lit = sg.IncoherentObject(brightness=np.ones((2, 2)), pitch=1e-3, width=WIDTH, profile="disc")
-    assert beams.window == lit.window == lit.beams.window == Window("disc", WIDTH)

@@ -21,11 +21,6 @@ def test_j0():
     np.testing.assert_allclose(mixtures.j0(x), j0(x.numpy()), rtol=0, atol=1e-14)
 
 
-def test_mixtures():
-    q, radius, share = put(RNG.uniform(0, 9, (3, 50))), put(RNG.uniform(0, 5, (3, 20))), put(RNG.random((3, 20)))
-    np.testing.assert_allclose(FORMS["mixture"](q, radius, share), mixtures.mixture(q, radius, share), atol=1e-13)
-
-
 @pytest.mark.parametrize("separate", [True, False])
 def test_fields(separate):
     """Float64 inside the torch form, float32 envelopes: 3e-7 of the largest normal number, about 4, in each frame."""

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 from one_object import one_object
-from refusals import assert_refused
 from zscore import assert_mean, refute_mean
 
 import specklegen as sg
@@ -70,7 +69,3 @@ def test_mean_over_media(sampler):
     found = [float(sampler.superposed(sampler.medium((5, n)), amplitudes, STEP).mean()) for n in range(200)]
     assert_mean(found, 1.0)
     refute_mean(np.array(found) * 1.15, 1.0)
-
-
-def test_one_amplitude_a_beam(sampler):
-    assert_refused(lambda: sampler.superposed(sampler.medium(0), np.ones((3, 3)), STEP), "one a beam")

@@ -64,10 +64,6 @@ def test_ends_of_the_range():
     assert multi_exposure_fit(np.full(5, 1e-9), EXPOSURES).dynamic_share > 0.99
 
 
-def test_no_rows_give_none():
-    assert multi_exposure_fit(np.empty((0, 5)), EXPOSURES).correlation_time.shape == (0,)
-
-
 @pytest.mark.parametrize(("asked", "words"), [
     (([0.5, 0.2], [1.0, 1.0]), "exposures must be two different ones"),
     (([0.5, 0.2], [0.0, 1.0]), "exposures must be finite and above 0"),

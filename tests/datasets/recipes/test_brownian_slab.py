@@ -8,7 +8,6 @@ from refusals import assert_refused
 from zscore import assert_mean, assert_z, refute_mean, refute_z
 
 import specklegen as sg
-from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.brownian import moving
 from specklegen.datasets.recipes.parts.material import known_motion
@@ -170,8 +169,3 @@ def test_layers_at_rest_keep_their_share():
 ])  # fmt: skip
 def test_bad_input_is_named(changes, says):
     assert_refused(lambda: load_recipe("brownian-slab", changes), says)
-
-
-def test_samplers_that_know_no_films_are_refused():
-    with pytest.raises(RuleError, match="without dynamics where media are rendered by path sums"):
-        quick_recipe("brownian-slab", sampler="paths").plans()

@@ -1,7 +1,6 @@
 """What is planned is what runs: the plan of a recipe, and what its samples say of themselves and hold."""
 
 import json
-import pickle
 import re
 import warnings
 
@@ -12,7 +11,7 @@ from scipy.integrate import simpson
 from zscore import assert_mean, refute_mean
 
 import specklegen as sg
-from specklegen.datasets import SpeckleStream, load_recipe
+from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.datasets.recipes.media import MediumView
 from specklegen.datasets.recipes.parts.sampler import NUMBERS
@@ -241,12 +240,6 @@ def test_materials_on_either_side_of_the_rule_are_planned_one_by_one():
 def test_what_path_sums_do_not_model_is_refused(name, more, words):
     with pytest.raises(ValueError, match=f"Recipe must be {words} where media are rendered by path sums"):
         load_recipe(name, changed(SMALL, NARROW, more)).sample(0, "train", 0)
-
-
-def test_workers_need_not_plan_again():
-    recipe = load_recipe("through-slab", SMALL)
-    SpeckleStream(recipe)
-    assert "rendering" in pickle.loads(pickle.dumps(recipe)).__dict__
 
 
 def test_path_sums_need_no_room_for_the_stationary_sampler(monkeypatch):

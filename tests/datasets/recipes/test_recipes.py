@@ -123,13 +123,6 @@ def test_media_and_groups():
     np.testing.assert_allclose(recipe.sample(0, "train", 0)["image"], alone, rtol=2e-4, atol=2e-5)
 
 
-def test_field_may_be_drawn():
-    recipe = quick_recipe("beyond-memory-effect")
-    shares = [recipe.sample(0, "train", n)["parameters"]["extent_over_range"] for n in range(4)]
-    assert len(set(shares)) == 4
-    assert all(0.5 <= share <= 3 for share in shares)
-
-
 def test_windows_are_fitted_to_the_object():
     """An object of so many pixels, half a range wide, whatever the slab; otherwise the recipe of a fixed window."""
     recipe = quick_recipe("unknown-slab")

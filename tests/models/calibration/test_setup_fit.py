@@ -137,10 +137,6 @@ def test_what_is_refused(changes, rule):
     assert_refused(lambda: sg.fit_setup(**{"photographs": speckle(0, 1, 128, 2.0), "envelope": None} | changes), rule)
 
 
-def test_levels_of_intervals_are_shares():
-    assert_refused(lambda: fit("disc").interval(1.0), "between 0 and 1")
-
-
 @pytest.mark.slow
 def test_intervals_hold_the_truth():
     """Of 60 sets of three irises: how often 95 % intervals hold grain and contrast, the rms error below 2 %."""

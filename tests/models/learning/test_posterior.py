@@ -8,7 +8,6 @@ from refusals import assert_refused
 from specklegen.datasets.objects import Glyphs
 from specklegen.models import load_solver
 from specklegen.models.learning.feedback import Measured
-from specklegen.models.learning.networks.flow import Flow
 from specklegen.models.learning.posterior import (
     SOLVED,
     drawn,
@@ -169,10 +168,3 @@ def test_a_file_of_something_else_is_refused(tmp_path):
 
     write_model(tmp_path / "other.pt", {"name": "flow", "frame": 36}, {})
     assert_refused(lambda: read_prior(tmp_path / "other.pt"), "prior must be a file that train_prior.py wrote")
-
-
-def test_the_net_takes_any_frame_and_needs_no_feedback():
-    small = Flow(frame=16, width=16, inner=32)
-    noisy, time = torch.randn(3, 16, 16), torch.rand(3)
-    shown, told = torch.zeros(3, small.pictures, 16, 16), torch.zeros(3, small.numbers)
-    assert torch.equal(small(noisy, time), small(noisy, time, shown, told))

@@ -2,7 +2,6 @@
 
 import numpy as np
 import torch
-from refusals import assert_refused
 from zscore import limit
 
 from specklegen.datasets import load_recipe
@@ -10,10 +9,6 @@ from specklegen.datasets.loading.stream import tensors
 from specklegen.models.judging.baselines import mean_image
 from specklegen.models.judging.evaluation import evaluate
 from specklegen.models.learning.reconstructor import PRETRAINED, load_pretrained
-
-
-def test_another_name_is_refused():
-    assert_refused(lambda: load_pretrained(name="lab-wild"), "load_pretrained name must be")
 
 
 def test_what_was_trained_on_many_benches_sees_more_on_one_that_is_not_as_said():

@@ -113,7 +113,3 @@ def test_noise_that_was_blurred_is_as_gaussian_as_speckle_of_many_points():
         texture = gaussian_filter(rng.normal(size=(SIDE + 40, SIDE + 40)), 1.2)[20:-20, 20:-20]
         found += [excess for centre, excess, _ in band_excesses(1 + texture[None]) if centre == CENTRES[2]]
     assert abs(np.mean(found)) < 4 * np.std(found, ddof=1) / np.sqrt(len(found))
-
-
-def test_no_bands_are_no_evidence():
-    assert sparseness(np.ones((1, 64, 64)), 3.0, 0.01) == 0

@@ -134,10 +134,3 @@ def test_a_glance_counts_beams_that_it_cannot_know():
     tracer = slab_tracer(some, False, aside=False)
     every, seen = (pilot_error(some, tracer, 1024, every=each) for each in (True, False))
     assert every.intensity >= seen.intensity
-
-
-def test_what_is_clear_is_so_of_both_errors():
-    error = stationarity.StationaryError(0.01, 0.002, 0.03, 0.004)
-    assert [error.is_clear(each, 4) for each in (0.013, 0.02, 0.045, 0.047)] == [True, False, False, True]
-    assert error.is_clear(0.02, 2)
-    assert not error.is_clear(0.035, 2)

@@ -246,9 +246,3 @@ def test_rendered_fields_have_the_covariance():
     powers = np.square(np.abs(fields)).mean(axis=1)
     expected, error = found.intensity.mean(axis=0), found.standard_error[0, :, 0].diagonal()
     assert_z(powers.mean(axis=0), expected, np.hypot(powers.std(axis=0, ddof=1) / np.sqrt(48), error), degrees=47)
-
-
-def test_a_narrow_window_is_a_doubt_where_it_is_asked_for():
-    scene = scene_of(TWO, width=300.0, sensor=COARSE)
-    made = sg.plan(scene, paths=1000, sampler="stationary")
-    assert "layers that refract" in " ".join(made.doubts)
