@@ -1,6 +1,7 @@
-"""The stream: samples rendered while a network trains on them, never stored."""
+"""The stream: samples rendered while a network trains on them, and stored where a cache is named."""
 
-from collections.abc import Iterable, Iterator
+import os
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from itertools import accumulate, chain, pairwise
 from typing import TYPE_CHECKING, Any
@@ -17,8 +18,9 @@ from specklegen.core.parallel import slices
 from specklegen.core.registered import require_importable
 from specklegen.datasets.loading.epochs import EpochBatches
 from specklegen.datasets.loading.prefetch import ahead
+from specklegen.datasets.loading.sample_cache import SampleCache
 from specklegen.datasets.recipes.generator import SpeckleGenerator
-from specklegen.datasets.recipes.recipe import Recipe
+from specklegen.datasets.recipes.recipe import Recipe, arrays
 from specklegen.datasets.sample_schema import Renderable, require_finite
 from specklegen.datasets.store.identity import device_kind
 
@@ -56,10 +58,18 @@ class SpeckleStream(EpochBatches):
     graphs : bool
         Whether CUDA graphs may be used, on "cuda"; the samples are the same.
 
+    cache : path, optional
+        A folder, by custom ending in ``.zarr``, or an address that fsspec knows: a sample that was rendered once is
+        written to this store, and read from it in later epochs and runs, with the same bits. Workers, ranks, several
+        trainings and ``generate`` may share it. If it cannot be written, a warning says so and training goes on.
+    cache_limit : int, optional
+        Bytes of the cache, about, from which on nothing more is written.
+
     Raises
     ------
     RuleError
-        If the batches cannot be shared out, a rank is not in the world, or there is no such device.
+        If the batches cannot be shared out, a rank is not in the world, there is no such device, or the cache holds
+        another data set: the fields that differ are named.
 
     Examples
     --------
@@ -90,6 +100,8 @@ class SpeckleStream(EpochBatches):
         drop_last: bool = False,
         device: str | torch.device = "cpu",
         graphs: bool = True,
+        cache: str | os.PathLike | None = None,
+        cache_limit: int | None = None,
     ) -> None:
         if not isinstance(recipe, Renderable):
             reject("SpeckleStream.recipe", "a recipe", recipe, "Read one with load_recipe.")
@@ -99,6 +111,11 @@ class SpeckleStream(EpochBatches):
         self.seed = whole_number("SpeckleStream.seed", seed)
         self.device, self.graphs = torch.device(device), graphs
         self.repeats = split != "train"
+        if cache is None and cache_limit is not None:
+            reject("SpeckleStream.cache_limit", "left out without a cache", cache_limit)
+        self._cache = None
+        if cache is not None:
+            self._cache = SampleCache(self.recipe, self.seed, split, cache, cache_limit, self.length, self.batch_size)
 
     def __repr__(self) -> str:
         name = getattr(self.recipe, "name", type(self.recipe).__name__)
@@ -116,6 +133,10 @@ class SpeckleStream(EpochBatches):
         """Render batches."""
         if get_worker_info() is not None:
             self._require_no_workers(get_worker_info().num_workers)  # type: ignore[union-attr]
+        if self._cache is not None:
+            for number in numbers:
+                yield tensors(self._cache.batch(self.indices(epoch, number), self._rendered), self.device)
+            return
         if self._generator is not None:
             for rendered, parts in ahead(self._at_once(self._generator, epoch, [*numbers]), self.device):
                 for part in parts:
@@ -124,9 +145,16 @@ class SpeckleStream(EpochBatches):
                     yield batch
             return
         for number in numbers:
-            batch = self.recipe.batch(self.seed, self.split, self.indices(epoch, number))
-            require_finite(batch, self.recipe, self.seed, self.split)
-            yield tensors(batch, self.device)
+            yield tensors(self._rendered(self.indices(epoch, number)), self.device)
+
+    def _rendered(self, indices: Sequence[int]) -> dict[str, Any]:
+        """Render samples as arrays of this machine."""
+        if self._generator is not None:
+            batch = arrays(self._generator([*indices]))
+        else:
+            batch = self.recipe.batch(self.seed, self.split, indices)
+        require_finite(batch, self.recipe, self.seed, self.split)
+        return batch
 
     def _at_once(
         self, generator: SpeckleGenerator, epoch: int, numbers: list[int]

@@ -44,6 +44,23 @@ class Share:
     missing: list[int]
 
 
+def opened(
+    recipe: Renderable, wanted: dict[str, Any], folder: Path, samples: int, shard_samples: int | None, notes: str = ""
+) -> Store:
+    """Open the store of an identity, made as needed; another one is refused, with the fields that differ."""
+    if is_remote(folder):
+        with reaching(folder):
+            if metadata.recorded(folder) is None:
+                _begin(recipe, wanted, folder, samples, shard_samples, notes)
+    else:
+        sweep(unfinished(folder))
+        if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+            _create(recipe, wanted, folder, samples, shard_samples, notes)
+    store = Store(folder)
+    require_same(store, wanted)
+    return store
+
+
 def open_for(
     recipe: Renderable,
     seed: int,
@@ -64,17 +81,7 @@ def open_for(
     RuleError
         If the folder holds something else, or another data set: the fields that differ are named.
     """
-    wanted = identity(recipe, seed, split, dtype)
-    if is_remote(folder):
-        with reaching(folder):
-            if metadata.recorded(folder) is None:
-                _begin(recipe, wanted, folder, samples, shard_samples, notes)
-    else:
-        sweep(unfinished(folder))
-        if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
-            _create(recipe, wanted, folder, samples, shard_samples, notes)
-    store = Store(folder)
-    require_same(store, wanted)
+    store = opened(recipe, identity(recipe, seed, split, dtype), folder, samples, shard_samples, notes)
     metadata.require_bounded("generate.samples", max(samples, store.samples), store.shard_samples)
     grows = samples > store.samples
     if grows:
@@ -83,9 +90,7 @@ def open_for(
     shards = shards_of(samples, store.shard_samples, part)
     missing = [shard for shard in shards if not store.is_complete(shard)]
     if missing:
-        if not grows:
-            _require_same_rendering(store, recipe)  # a plan takes seconds, and a full store asks for none
-        _tell_of_other_libraries(store)
+        tell_of_other_libraries(store, None if grows else recipe)
     return Share(store, shards, missing)
 
 
@@ -95,8 +100,10 @@ def shards_of(samples: int, shard_samples: int, part: tuple[int, int]) -> range:
     return range(part[0] * count // part[1], (part[0] + 1) * count // part[1])
 
 
-def _tell_of_other_libraries(store: Store) -> None:
-    """Say so where samples will be added by other libraries than those that the store was begun with."""
+def tell_of_other_libraries(store: Store, recipe: Renderable | None = None) -> None:
+    """Say so where samples will be added by other libraries, or by another plan, than the store was begun with."""
+    if recipe is not None:  # a plan takes seconds, and a full store asks for none
+        _require_same_rendering(store, recipe)
     then, now = store.attributes.get("libraries", {}), library_versions()
     changed = [
         f"{name} {then.get(name, 'none')} is now {now.get(name, 'none')}"

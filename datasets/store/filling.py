@@ -1,7 +1,8 @@
 """One shard of a store: rendered in batches, checked against its layout, written, and what became of it."""
 
+import contextlib
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -11,10 +12,15 @@ from specklegen.core.errors import ToldError, reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.datasets.sample_schema import Renderable, require_finite
 from specklegen.datasets.store.files import no_room
+from specklegen.datasets.store.reading import SampleReader
+from specklegen.datasets.store.shards import DamagedShard
 from specklegen.datasets.store.store import Store
 
 BATCH = 32
 """Samples rendered at once: enough to share work, few enough that memory stays flat."""
+
+PATIENCE = 1.0
+"""Seconds that :func:`add_samples` waits for a shard that another process claims."""
 
 
 class GenerationError(ToldError, RuntimeError):
@@ -57,26 +63,72 @@ def fill_shard(store: Store, recipe: Renderable, shard: int, wait: bool = False)
 
 def _render(store: Store, recipe: Renderable, span: range) -> dict[str, np.ndarray]:
     seed, split = store.attributes["identity"]["seed"], store.attributes["identity"]["split"]
-    types, kinds, names = store.stored_types(), store.sample_types(), store.parameter_names
-    columns = {key: np.empty((len(span), *shape), types[key]) for key, shape in store.sample_shapes().items()}
-    columns["parameters"] = np.empty((len(span), len(names)))
-    columns["index"] = np.empty(len(span), np.int64)
-    columns["seed"] = np.full(len(span), seed, np.int64)
+    columns: dict[str, np.ndarray] = {}
     for first in range(0, len(span), BATCH):
-        indices = span[first : first + BATCH]
-        place = slice(first, first + len(indices))
-        batch = _batch(recipe, seed, split, indices)
+        batch = _batch(recipe, seed, split, span[first : first + BATCH])
         require_finite(batch, recipe, seed, split)
-        for key in store.keys:
-            columns[key][place] = _as_stored(key, np.asarray(batch[key]), kinds[key], types[key])
-        if list(batch["parameters"]) != names:
-            reject(f"{recipe.name}.parameters", f"{names} in every sample", list(batch["parameters"]))
-        for place_of_name, name in enumerate(names):
-            columns["parameters"][place, place_of_name] = batch["parameters"][name]
-        columns["index"][place] = batch["index"]
+        for name, rows in stored_columns(store, recipe, batch).items():
+            columns.setdefault(name, np.empty((len(span), *rows.shape[1:]), rows.dtype))[first : first + BATCH] = rows
     if not np.array_equal(columns["index"], np.arange(span.start, span.stop)):
         reject(f"{recipe.name}.batch", "samples in the order of their indices", columns["index"])
     return columns
+
+
+def stored_columns(store: Store, recipe: Renderable, batch: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Turn a batch into the columns of a store."""
+    types, kinds, names = store.stored_types(), store.sample_types(), store.parameter_names
+    if list(batch["parameters"]) != names:
+        reject(f"{recipe.name}.parameters", f"{names} in every sample", list(batch["parameters"]))
+    index = np.asarray(batch["index"], np.int64)
+    columns = {key: _as_stored(key, np.asarray(batch[key]), kinds[key], types[key]) for key in store.keys}
+    columns["parameters"] = np.empty((len(index), len(names)))
+    for place, name in enumerate(names):
+        columns["parameters"][:, place] = batch["parameters"][name]
+    return columns | {"index": index, "seed": np.full(len(index), store.seed, np.int64)}
+
+
+def add_samples(store: Store, shard: int, columns: Mapping[str, np.ndarray]) -> None:
+    """Write samples of a shard beside those that it holds, unless another process is at it for long.
+
+    Every file holds a sample before the ledger lists it, and goes on to hold it. Where claims exclude nobody, whole
+    shards alone are written, which are the same whoever writes them.
+    """
+    end = time.monotonic() + PATIENCE
+    while True:
+        with store.claimed(shard) as state:
+            if state != "busy":
+                store = Store(store.folder)  # others may have made room, and written to it
+                merged = _merged(store, shard, columns)
+                if merged and (len(merged["index"]) == len(store.span(shard)) or state == "held"):
+                    store.write_shard(shard, merged)
+                return
+        if time.monotonic() > end:
+            return
+        time.sleep(0.01)
+
+
+def _merged(store: Store, shard: int, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Join new samples of a shard with those that it holds; {} if it holds them. Damaged ones go off the ledger."""
+    reader, there = SampleReader(store, patient=False), {}
+    try:
+        listed = store.valid_in(shard)
+    except DamagedShard:
+        listed = np.zeros(len(store.span(shard)), bool)
+    for row in np.flatnonzero(listed).tolist():
+        with contextlib.suppress(OSError, LookupError):
+            there[store.span(shard)[row]] = reader.read(store.span(shard)[row])
+    if len(there) < listed.sum():
+        store.forget_shard(shard)
+    new = ~np.isin(columns["index"], [*there])
+    if not new.any():
+        return {}
+    old = {key: [stored.arrays[key] for stored in there.values()] for key in store.keys}
+    old |= {"parameters": [stored.parameters for stored in there.values()], "index": [*there]}
+    old["seed"] = [store.seed] * len(there)
+    return {
+        name: np.concatenate([np.array(old[name], column.dtype).reshape(-1, *column.shape[1:]), column[new]])
+        for name, column in columns.items()
+    }
 
 
 def _batch(recipe: Renderable, seed: int, split: str, indices: Sequence[int]) -> dict[str, Any]:

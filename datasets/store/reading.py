@@ -29,10 +29,12 @@ class SampleReader:
     ----------
     store : Store
         The store; it may still be being filled.
+    patient : bool
+        Whether a ledger that is not there is waited for, shortly, at the first look.
     """
 
-    def __init__(self, store: Store) -> None:
-        self.store = store
+    def __init__(self, store: Store, patient: bool = True) -> None:
+        self.store, self._patient = store, patient
         self._valid: OrderedDict[int, np.ndarray] = OrderedDict()  # by shard
         self._looked: set[int] = set()
         self._tables: OrderedDict[int, dict[str, np.ndarray]] = OrderedDict()
@@ -73,7 +75,7 @@ class SampleReader:
             return
         self._forget(shard)
         # The first time only: who goes through a store that is not full would wait for every sample.
-        self._valid[shard] = valid = self.store.valid_in(shard, expected=shard not in self._looked)
+        self._valid[shard] = valid = self.store.valid_in(shard, expected=self._patient and shard not in self._looked)
         self._looked.add(shard)
         if len(self._valid) > _TABLES:
             self._valid.popitem(last=False)

@@ -166,30 +166,30 @@ class Store:
         return seal(self.fingerprint, index, seed, parameters, (arrays[key] for key in self.keys))
 
     def write_shard(self, shard: int, columns: Mapping[str, np.ndarray]) -> bytes:
-        """Write the columns of a shard, its checksum, last its line in the ledger; return the checksum."""
-        contents = self._packed(columns)
+        """Write columns of some samples of a shard, its checksum, last its line in the ledger; return the checksum."""
+        contents = self._packed(columns, columns["index"] - shard * self.shard_samples)
         checksum = shard_digest(self.fingerprint, self.seed, shard, self.shard_samples, contents.values())
         valid = np.zeros(self.shard_samples, bool)
-        valid[: len(columns["index"])] = True
+        valid[columns["index"] - shard * self.shard_samples] = True
         contents["checksum"] = table_bytes(np.frombuffer(checksum, np.uint8))
         contents["valid"] = table_bytes(valid)
         for name, data in contents.items():
             put(self._file(name, shard), data, sweeping=False)
         return checksum
 
-    def _packed(self, columns: Mapping[str, np.ndarray]) -> dict[str, bytes]:
+    def _packed(self, columns: Mapping[str, np.ndarray], rows: np.ndarray) -> dict[str, bytes]:
         """Bytes of the files of a shard, the ledger excepted, by name."""
         contents = {}
         for key in self.keys:
             packed = (sample_bytes(sample, self._dtype(key)) for sample in columns[key])
-            contents[key] = shard_bytes(dict(enumerate(packed)), self.shard_samples)
+            contents[key] = shard_bytes(dict(zip(rows.tolist(), packed, strict=True)), self.shard_samples)
         seals = [
             self.seal(int(index), self.seed, columns["parameters"][row], {key: columns[key][row] for key in self.keys})
             for row, index in enumerate(columns["index"])
         ]
         for name in metadata.COLUMNS:
             table = np.zeros((self.shard_samples, *self._shape(name)), self._dtype(name))
-            table[: len(seals)] = seals if name == "seal" else columns[name]
+            table[rows] = seals if name == "seal" else columns[name]
             contents[name] = table_bytes(table)
         return contents
 
