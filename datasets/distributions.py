@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, model_validator
 
 from specklegen.core.arguments import real_number
 from specklegen.core.errors import reject
+from specklegen.core.units import NUMBER
 from specklegen.core.values import Finite, Positive, Value
 
 if TYPE_CHECKING:
@@ -114,10 +115,10 @@ def is_draw(value: Any) -> bool:
     return table or isinstance(value, Uniform | LogUniform | Choice)
 
 
-Draw = Annotated[float | Uniform | LogUniform | Choice, BeforeValidator(_read)]
+Draw = Annotated[float | Uniform | LogUniform | Choice, BeforeValidator(_read), NUMBER]
 """A finite constant, or a distribution."""
 
-UnboundedDraw = Annotated[float | Uniform | LogUniform | Choice, BeforeValidator(_read_up_to_infinity)]
+UnboundedDraw = Annotated[float | Uniform | LogUniform | Choice, BeforeValidator(_read_up_to_infinity), NUMBER]
 """The same, where a constant may also be infinite, since that means something: coherent light, a medium at rest."""
 
 

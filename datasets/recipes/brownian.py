@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule, torch
 from specklegen.core.random_streams import Stream
+from specklegen.core.units import DIFFUSION, TIME
 from specklegen.core.values import Value
 from specklegen.datasets.distributions import Draw, UnboundedDraw, ends, require_above
 from specklegen.datasets.recipes.media import DrawnMedia
@@ -48,9 +49,9 @@ class Speed(Value):
         Time over which the correlation of the field falls to 1/e, from which the paths of a material find D.
     """
 
-    diffusion: Draw | None = None
-    tau0: Draw | None = None
-    correlation_time: UnboundedDraw | None = None
+    diffusion: Annotated[Draw, DIFFUSION] | None = None
+    tau0: Annotated[Draw, TIME] | None = None
+    correlation_time: Annotated[UnboundedDraw, TIME] | None = None
 
     @property
     def speed(self) -> Any:

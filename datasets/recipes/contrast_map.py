@@ -19,6 +19,7 @@ from pydantic import Field, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.lazy import torch
 from specklegen.core.random_streams import pilot_seed
+from specklegen.core.units import DIFFUSION, LENGTH, RADIAN, SINE, TIME, VELOCITY
 from specklegen.core.values import Positive, Value, remembered
 from specklegen.datasets.distributions import Draw, drawn, ends
 from specklegen.datasets.recipes.exposure_stack import instant_lags, lag_weights
@@ -73,14 +74,14 @@ class Vessels(Value):
         By how much the axis passes the camera's middle.
     """
 
-    depth: Draw
-    radius: Draw
-    speed: Draw
+    depth: Annotated[Draw, LENGTH]
+    radius: Annotated[Draw, LENGTH]
+    speed: Annotated[Draw, VELOCITY]
     profile: Profile = "parabolic"
-    diffusion: Draw = 0.0
-    tissue_diffusion: Draw = 0.0
-    angle: Draw = 0.0
-    offset: Draw = 0.0
+    diffusion: Annotated[Draw, DIFFUSION] = 0.0
+    tissue_diffusion: Annotated[Draw, DIFFUSION] = 0.0
+    angle: Annotated[Draw, RADIAN] = 0.0
+    offset: Annotated[Draw, LENGTH] = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -107,7 +108,7 @@ class ExposureTimes(Value):
         By how much of itself K^2 of an exposure may be too large, for it is made of instants.
     """
 
-    durations: tuple[Positive, ...] = Field(min_length=1)
+    durations: tuple[Annotated[Positive, TIME], ...] = Field(min_length=1)
     tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
 
 
@@ -150,7 +151,7 @@ class ContrastMap(Recipe):
     kind: Literal["contrast-map"] = "contrast-map"
     vessel: Vessels
     exposures: ExposureTimes
-    aperture: Annotated[float, Field(gt=0, le=0.1)]
+    aperture: Annotated[float, Field(gt=0, le=0.1), SINE]
     sampler: Literal["paths"] = "paths"  # type: ignore[assignment]
     engine_terms: ClassVar = ("material.wavelength", "camera")
 

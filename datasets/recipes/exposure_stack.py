@@ -18,6 +18,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.lazy import torch
+from specklegen.core.units import TIME
 from specklegen.core.values import Positive
 from specklegen.datasets.distributions import ends
 from specklegen.datasets.recipes import brownian
@@ -48,7 +49,7 @@ class Exposures(Speed):
         In that unit, as of :class:`~specklegen.datasets.recipes.multi_image.Dynamics`.
     """
 
-    durations: tuple[Positive, ...] = Field(min_length=1)
+    durations: tuple[Annotated[Positive, TIME], ...] = Field(min_length=1)
     tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
 
     @model_validator(mode="after")

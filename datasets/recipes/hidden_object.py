@@ -13,6 +13,7 @@ from specklegen.core.display.plot import draw_images
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule, torch
 from specklegen.core.shielded import shielded
+from specklegen.core.units import SINE
 from specklegen.core.values import IDENTITY, Value
 from specklegen.datasets.distributions import Draw, ends, require_above
 from specklegen.datasets.objects import AnyFamily
@@ -67,7 +68,7 @@ class ObjectField(Value):
         is "fitted" then.
     """
 
-    pitch: Draw | None = None
+    pitch: Annotated[Draw, SINE] | None = None
     extent_over_range: Draw | None = None
     pixels: Draw | None = None
 

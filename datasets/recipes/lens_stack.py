@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.lazy import torch
 from specklegen.core.random_streams import pilot_seed
+from specklegen.core.units import LENGTH, SINE
 from specklegen.core.values import Finite, PositiveInt, Value, remembered
 from specklegen.datasets.distributions import Draw, drawn, ends
 from specklegen.datasets.recipes.media import planned_whole
@@ -62,10 +63,10 @@ class Objective(Value):
         What the lens lets through.
     """
 
-    aperture: Annotated[float, Field(gt=0, lt=1)]
-    focus: Draw
+    aperture: Annotated[float, Field(gt=0, lt=1), SINE]
+    focus: Annotated[Draw, LENGTH]
     planes: PositiveInt = 1
-    step: Finite = 0.0
+    step: Annotated[Finite, LENGTH] = 0.0
     pupil: Pupil = Pupil()
 
     @model_validator(mode="after")

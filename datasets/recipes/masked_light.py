@@ -16,6 +16,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.lazy import torch
+from specklegen.core.units import LENGTH, RADIAN
 from specklegen.core.values import NonNegative, PositiveInt, Value
 from specklegen.datasets.distributions import Choice, Draw, drawn, ends, require_above
 from specklegen.datasets.recipes.media import DrawnMedia, MediumView
@@ -50,7 +51,7 @@ class Slits(Value):
     width: Draw
     gap: Draw
     length: Draw
-    turn: Draw = 0.0
+    turn: Annotated[Draw, RADIAN] = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -99,7 +100,7 @@ class Star(Value):
     points: Draw
     radius: Draw
     inner: Draw
-    turn: Draw = 0.0
+    turn: Annotated[Draw, RADIAN] = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -168,7 +169,7 @@ class MaskedLight(Recipe):
     mask: Annotated[
         Annotated[Slits, Tag("slits")] | Annotated[Star, Tag("star")], Discriminator(_kind_of_mask)
     ]  # fmt: skip
-    distance: NonNegative = 0.0
+    distance: Annotated[NonNegative, LENGTH] = 0.0
     beams: Annotated[int, Field(ge=1, le=101)] = 15
     pixels: PositiveInt = 64
     mode_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.01

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
 
 import numpy as np
 from pydantic import model_validator
@@ -15,6 +15,7 @@ from pydantic import model_validator
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule, torch
+from specklegen.core.units import LENGTH, TIME
 from specklegen.core.values import Positive, PositiveInt
 from specklegen.datasets.distributions import Draw, UnboundedDraw, ends, require_above
 from specklegen.datasets.recipes import brownian as _brownian
@@ -82,9 +83,14 @@ class Dynamics(Speed):
 
     frames: PositiveInt = 8
     model: str = "autoregression"
-    correlation_time: UnboundedDraw | None = None
-    interval: Positive | None = None
-    velocities: tuple[tuple[Draw, Draw], ...] | None = None
+    correlation_time: Annotated[UnboundedDraw, TIME] | None = None
+    interval: Annotated[Positive, TIME] | None = None
+    velocities: tuple[tuple[Annotated[Draw, LENGTH], Annotated[Draw, LENGTH]], ...] | None = None
+
+    @classmethod
+    def plain_fields(cls, table: Mapping[str, Any]) -> tuple[str, ...]:
+        """Names of times that are numbers of frames."""
+        return () if table.get("model") == "brownian" else ("correlation_time",)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from specklegen.coherence.partially_coherent import source_lattice
 from specklegen.core.lazy import torch
+from specklegen.core.units import LENGTH
 from specklegen.datasets.distributions import UnboundedDraw, ends
 from specklegen.datasets.recipes.media import DrawnMedia, MediumView
 from specklegen.datasets.recipes.parts.light import Lit
@@ -42,7 +43,7 @@ class PartiallyCoherent(Recipe):
     """
 
     kind: Literal["partially-coherent"] = "partially-coherent"
-    coherence_length: UnboundedDraw
+    coherence_length: Annotated[UnboundedDraw, LENGTH]
     mode_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
 
     @model_validator(mode="after")

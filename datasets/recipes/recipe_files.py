@@ -6,6 +6,7 @@ recipes and completing their names is quick. Paths in a file, of folders, of rec
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache
 from importlib.resources import files
@@ -16,7 +17,6 @@ from typing import Any
 from specklegen.core.errors import reject
 from specklegen.core.registry import anchored
 from specklegen.core.tables import read_text, toml_table
-from specklegen.datasets.recipes.written_units import rescaled
 
 LONGEST_CHAIN = 16
 """Recipes that inherit one another in a row, at most."""
@@ -50,8 +50,33 @@ def _tables() -> Traversable:
     return files("specklegen.datasets") / "recipes" / "tables"
 
 
-def recipe_table(source: str | Path) -> dict[str, Any]:
-    """Table of a packaged recipe (by name) or of a TOML file (by path), what it inherits merged in.
+@dataclass(frozen=True)
+class RecipeFile:
+    """A recipe as it is written: its own tables, and the files that they change, each of which changes those before it.
+
+    Attributes
+    ----------
+    own : dict
+    parents : tuple of RecipeFile
+    """
+
+    own: Mapping[str, Any]
+    parents: tuple["RecipeFile", ...] = ()
+
+    def table(self) -> dict[str, Any]:
+        """Merge all tables as they are written, whatever the units of lengths."""
+        table: dict[str, Any] = {}
+        for parent in self.parents:
+            table = changed(table, parent.table())
+        return changed(table, self.own)
+
+    def written(self) -> list[Any]:
+        """List all tables, those that are changed before those that change them."""
+        return [*(each.written() for each in self.parents), self.own]
+
+
+def recipe_file(source: str | Path, changes: Mapping[str, Any] | None = None) -> RecipeFile:
+    """Read a packaged recipe (by name) or a TOML file (by path), what it inherits, and changes to it.
 
     Raises
     ------
@@ -61,11 +86,17 @@ def recipe_table(source: str | Path) -> dict[str, Any]:
     place = located(str(source), Path())
     if place in table_names():
         reject("recipe", "a recipe", place, f'It changes one: inherits = ["unknown-slab", "{place}"].')
-    return _inherited(place, (), [0])
+    file = _read(place, (), [0])
+    return RecipeFile(changes, (file,)) if changes else file
 
 
-def _inherited(place: str, heirs: tuple[str, ...], read: list[int]) -> dict[str, Any]:
-    """Table of a recipe or of a part of one, and what it inherits; of several each changes those before it."""
+def recipe_table(source: str | Path, changes: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return the tables of :func:`recipe_file` merged as they are written: lengths may be in several units."""
+    return recipe_file(source, changes).table()
+
+
+def _read(place: str, heirs: tuple[str, ...], read: list[int]) -> RecipeFile:
+    """Read a recipe, or a part of one, and what it inherits."""
     chain = (*heirs, place)
     if place in heirs:
         reject("recipe.inherits", "free of circles", " -> ".join(chain))
@@ -77,10 +108,7 @@ def _inherited(place: str, heirs: tuple[str, ...], read: list[int]) -> dict[str,
     named = parents if isinstance(parents, list) else [parents]
     if not all(isinstance(each, str) for each in named):
         reject("recipe.inherits", "the name of a recipe or the path of a TOML file, or a list of them", parents)
-    table: dict[str, Any] = {}
-    for each in named:
-        table = changed(table, _inherited(located(each, Path(place).parent), chain, read))
-    return changed(table, own)
+    return RecipeFile(own, tuple(_read(located(each, Path(place).parent), chain, read) for each in named))
 
 
 def located(source: str, folder: Path) -> str:
@@ -130,19 +158,20 @@ def _relative(file: Path) -> str:
 def changed(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Merge a recipe with what inherits it, and drop terms that the other way of describing the setup replaces.
 
-    A ``[lab]`` takes the place of the window, camera, field and wavelength of what it inherits, and all lengths that
-    stay come to the unit that its own wavelength tells; ``[pixels]`` takes that of window, camera, field, ``[lab]`` and
-    material. With a material of another kind, the refractive index of the old one goes.
+    A ``[lab]`` takes the place of the window, camera, field and wavelength of what it inherits; ``[pixels]`` takes that
+    of window, camera, field, ``[lab]`` and material. With a material of another kind, the refractive index of the old
+    one goes. A camera distance, focal length or focus takes the place of the inherited one of them. What ``unset``
+    names in a table is inherited no more.
     """
-    base = {name: dict(each) if isinstance(each, Mapping) else each for name, each in base.items()}
+    base, changes = _without_unset(base, changes)
     lab, material = base.get("lab"), base.get("material")
+    if isinstance(lab, dict) and isinstance(changes.get("lab"), Mapping) and _LENSES & changes["lab"].keys():
+        dropped = _LENSES if "focus" in changes["lab"] else _LENSES | {"magnification", "numerical_aperture"}
+        lab = base["lab"] = {name: each for name, each in lab.items() if name not in dropped}
     if "pixels" in changes and "pixels" not in base:
         base = {name: each for name, each in base.items() if name not in (*_IN_LENGTHS, "material")}
     elif "pixels" in base and _IN_LENGTHS & changes.keys():
         base.pop("pixels")
-    if isinstance(changes.get("lab"), Mapping):
-        base = rescaled(base, changes["lab"])
-        lab, material = base.get("lab"), base.get("material")
     if "lab" in changes and lab is None:
         base = {name: each for name, each in base.items() if name not in ("window", "camera", "field")}
         for name, fields in (("material", ("wavelength",)), ("light", ("bandwidth", "refractive_index"))):
@@ -154,6 +183,23 @@ def changed(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
 
 _IN_LENGTHS = {"lab", "window", "camera", "field"}
+_LENSES = {"camera_distance", "focal_length", "focus"}
+"""Fields of a laboratory of which one says the others."""
+
+
+def _without_unset(
+    base: Mapping[str, Any], changes: Mapping[str, Any], place: str = "recipe"
+) -> tuple[dict[str, Any], dict[str, Any]]:  # fmt: skip
+    """Return tables without the fields that ``unset`` names in tables of changes, and these without ``unset``."""
+    names = changes.get("unset", [])
+    if not isinstance(names, list) or not all(isinstance(name, str) and name in base for name in names):
+        reject(f"{place}.unset", f"a list of fields that are inherited, of {', '.join(base) or 'none'}", names)
+    base = {name: dict(each) if isinstance(each, Mapping) else each for name, each in base.items() if name not in names}
+    changes = {name: each for name, each in changes.items() if name != "unset"}
+    for name, each in changes.items():
+        if isinstance(each, Mapping) and isinstance(base.get(name), Mapping):
+            base[name], changes[name] = _without_unset(base[name], each, name)
+    return base, changes
 
 
 def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

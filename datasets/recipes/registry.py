@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from specklegen.core.errors import RuleError, reject
+from specklegen.core.quantities import with_texts
 from specklegen.core.registry import Registry, is_import_path
 from specklegen.datasets.recipes.analysed_object import AnalysedObject
 from specklegen.datasets.recipes.contrast_map import ContrastMap
@@ -15,11 +16,11 @@ from specklegen.datasets.recipes.masked_light import MaskedLight
 from specklegen.datasets.recipes.multi_image import DynamicSlab, TwoTilts
 from specklegen.datasets.recipes.partially_coherent import PartiallyCoherent
 from specklegen.datasets.recipes.recipe import Recipe
-from specklegen.datasets.recipes.recipe_files import changed, recipe_table
+from specklegen.datasets.recipes.recipe_files import recipe_file, recipe_table
 from specklegen.datasets.recipes.tilt_stack import MaterialRegression, TiltStack
 from specklegen.datasets.recipes.volume_object import VolumeObject
 from specklegen.datasets.recipes.volume_stack import VolumeStack
-from specklegen.datasets.recipes.written_units import plain, told
+from specklegen.datasets.recipes.written_units import in_pixels, plain
 
 PACKAGED: tuple[type[Recipe], ...] = (
     TiltStack, MaterialRegression, HiddenObject, PartiallyCoherent, MaskedLight, DynamicSlab, ExposureStack, TwoTilts,
@@ -57,12 +58,13 @@ def load_recipe(source: str | Path, changes: Mapping[str, Any] | None = None) ->
     """
     if changes is not None and not isinstance(changes, Mapping):
         reject("load_recipe changes", 'a table such as {"material": {"g": 0.8}}', changes)
-    table, written = plain(changed(recipe_table(source), changes or {}))
-    kind = _kind(table.get("kind"))
+    file = recipe_file(source, changes)
+    kind = _kind(file.table().get("kind"))
+    written = plain(file, kind)
     try:
-        return kind(**table | {"kind": kind.class_name()})
+        return kind(**in_pixels(written.table) | {"kind": kind.class_name()})
     except RuleError as error:
-        raise told(error, written) from None
+        raise with_texts(error, written.texts) from None
 
 
 def recipe_schema(name: str) -> dict[str, Any]:

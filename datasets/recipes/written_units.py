@@ -1,47 +1,110 @@
-"""Recipes as people write them: lengths with units, and setups that are known in camera pixels alone.
+"""Recipes as people write them: files that inherit others in another unit of length, and setups in camera pixels alone.
 
 What is written here becomes the plain numbers of a recipe before anything is checked, so that two ways of writing one
-setup have one fingerprint.
+setup have one fingerprint. Each file is read by itself (:mod:`specklegen.core.quantities`): once one of its lengths has
+a unit, all must have one, and what it inherits is brought into micrometres.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from specklegen.core.arguments import real_number
-from specklegen.core.errors import RuleError, reject
-from specklegen.core.units import LAB_LENGTHS, METRES, RADIANS, length_in, metres_of, plain_lengths, sine_of, unit_of
+from specklegen.core.errors import reject
+from specklegen.core.quantities import (
+    Bare,
+    Mark,
+    Nodes,
+    Reading,
+    dotted,
+    in_other_unit,
+    nodes_for,
+    plain_numbers,
+    refuse,
+)
+from specklegen.core.units import unit_of
+from specklegen.datasets.recipes.parts.viewing import LEAST_PIXELS
+from specklegen.datasets.recipes.recipe_files import RecipeFile, changed
 
-_TEXTS = ("name", "description", "kind", "type", "path", "inherits", "sampler", "exposure")
-_PLAIN = (
-    "optical_depth", "g", "albedo", "refractive_index", "index", "outside", "grit", "rms_phase", "concentration",
-    "durations", "interval", "tau0", "correlation_time", "diffusion", "tissue_diffusion", "samples", "media", "frames",
-    "count", "planes", "pixels_per_grain", "shape", "pixels", "extent_over_range", "tolerance", "mode_tolerance",
-    "kernel_tolerance", "kernel_paths", "contrast", "dilution",
-)  # fmt: skip
-"""Fields of recipes that are neither a length nor an angle."""
 _PIXELS = ("grain", "object_pixel", "shape", "profile")
 _WIDTH = 5000.0  # micrometres; of a setup in pixels, whose directions alone are seen
 _WAVELENGTH = 0.532
 
 
-def plain(table: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
-    """A recipe's table in plain numbers, and what was written with a unit, by field."""
-    fields = in_pixels(table)
-    lab = fields.get("lab")
-    if isinstance(lab, Mapping) and isinstance(lab.get("wavelength"), str):
-        plain_lengths("LabSetup", lab, LAB_LENGTHS)  # refuses those without a unit
-    written = {where: text for where, text in _texts(fields, ()) if _has_unit(text)}
-    if not written:
-        return fields, {}
-    unit = _unit(fields)
-    return _walked(fields, (), unit), {".".join(where): text for where, text in written.items()}
+@dataclass(frozen=True)
+class Written:
+    """A recipe's table in plain numbers, and how it was written.
+
+    Attributes
+    ----------
+    table : dict
+        Lengths in units of ``mark.metres`` metres, where that is known.
+    mark : Mark
+        Unit of length, and whether lengths and times were written with units.
+    texts : dict of str
+        What was written with a unit, by field.
+    """
+
+    table: dict[str, Any]
+    mark: Mark = Mark()
+    texts: dict[str, str] = field(default_factory=dict)
 
 
-def told(error: RuleError, written: Mapping[str, str]) -> RuleError:
-    """The error with what the user wrote for the fields that it names."""
-    message = str(error)
-    named = [f'{where} = "{text}"' for where, text in written.items() if where.rpartition(".")[2] in message]
-    return RuleError(f"{message} Written: {', '.join(named)}.") if named else error
+def plain(file: RecipeFile, kind: type) -> Written:
+    """Read a recipe of a kind, and what it inherits, into one table.
+
+    Raises
+    ------
+    RuleError
+        For a file with lengths or times that have no unit, where others of it or of what it changes have one, and for
+        inherited lengths in an unknown unit.
+    """
+    whole = file.table()
+    return _read(file, nodes_for(kind, whole), whole)
+
+
+def _read(file: RecipeFile, nodes: Nodes, whole: Mapping[str, Any]) -> Written:
+    base = Written({})
+    for parent in file.parents:
+        base = _changed(base, _read(parent, nodes, whole), nodes)
+    table, reading = plain_numbers("", file.own, nodes, whole=whole)
+    mark = reading.mark
+    lights = sorted((each for each in reading.bare if each.dimension.light), key=lambda each: each.place)
+    units = [mark.metres if mark.lengths else None]  # of texts, of a wavelength, stated, of a preset
+    units += [unit_of(each.value) for each in lights if not each.dimension.metres]
+    units += [mark.metres, *(each.dimension.metres for each in lights)]
+    texts = {dotted(place): text for place, text in reading.texts.items()}
+    own = Written(table, mark._replace(metres=next((each for each in units if each), None)), texts)
+    return _changed(base, own, nodes) if base.table else own
+
+
+def _changed(base: Written, own: Written, nodes: Nodes) -> Written:
+    """Merge inherited tables with those that change them: in the unit of these, if written or a laboratory's."""
+    lab = own.table.get("lab")
+    leads = own.mark.lengths or (isinstance(lab, Mapping) and unit_of(lab.get("wavelength")) is not None)
+    metres = (own if leads else base).mark.metres or own.mark.metres
+    if base.mark.lengths and own.mark.metres is None:
+        text = next(iter(base.texts.items()), ("a length", "5 mm"))
+        rule = f'written with its unit, as {text[0]} = "{text[1]}" is in what it changes'
+        refuse("", [(each.place, rule, each.value) for each in _lengths(own.table, nodes)])
+    table, changes = base.table, own.table
+    if leads and base.mark.metres is None:
+        stays = {each.place for each in _lengths(changed(table, own.table), nodes)}
+        stays -= {each.place for each in _lengths(own.table, nodes)}
+        rule = "in a known unit of length, beside lengths with units"
+        refuse("", [(each.place, rule, each.value) for each in _lengths(table, nodes)
+                    if each.place in stays and own.mark.lengths])  # fmt: skip
+    elif leads and metres and base.mark.metres:
+        table = in_other_unit(table, nodes, base.mark.metres, metres)
+    elif base.mark.lengths and metres and own.mark.metres:
+        changes = in_other_unit(changes, nodes, own.mark.metres, metres)
+    mark = Mark(metres, base.mark.lengths or own.mark.lengths, base.mark.times or own.mark.times)
+    return Written(changed(table, changes), mark, base.texts | own.texts)
+
+
+def _lengths(table: Mapping[str, Any], nodes: Nodes) -> list[Bare]:
+    bare = Reading(table, nodes).bare
+    return [each for each in bare if each.dimension.length and each.dimension.metres is None]
 
 
 def in_pixels(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -65,8 +128,9 @@ def in_pixels(table: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in (("grain", grain), ("object_pixel", cell)):
         if not 0 < value < 1e6:
             reject(f"Pixels.{name}", "greater than 0, in camera pixels", value)
-    if grain < 2:
-        reject("Pixels.grain", "at least 2 camera pixels", grain, "Finer speckle is undersampled: do not bin.")
+    if grain < LEAST_PIXELS:
+        rule = f"at least {LEAST_PIXELS:g} camera pixels"
+        reject("Pixels.grain", rule, grain, "Finer speckle is undersampled: do not bin.")
     material: dict[str, Any] = dict(fields.get("material") or {"screens": [{"type": "GroundGlass", "angle": 0.26}]})
     if "screens" not in material or material.get("gaps"):
         reject("Recipe.material", "left out, or one thin screen, where the setup is given in pixels", sorted(material),
@@ -81,118 +145,3 @@ def in_pixels(table: Mapping[str, Any]) -> dict[str, Any]:
         "material": material, "window": window, "camera": camera,
         "field": {"pitch": cell * wavelength / width / grain},
     }  # fmt: skip
-
-
-def rescaled(base: Mapping[str, Any], lab: Mapping[str, Any]) -> dict[str, Any]:
-    """A recipe's tables in the unit of length that a laboratory's own wavelength tells, where it tells another one."""
-    old = _unit_of_lengths(base.get("lab")) or _unit_of_lengths(base.get("material"))
-    new = _unit_of_lengths(lab)
-    if old is None or new is None or old == new:
-        return dict(base)
-    tables = {name: _rescaled(each, old / new) if name in _IN_LENGTHS else each for name, each in base.items()}
-    if isinstance(tables.get("lab"), Mapping):
-        tables["lab"] = {
-            name: _scaled(each, old / new) if name in LAB_LENGTHS else each for name, each in tables["lab"].items()
-        }
-    return _rescaled({name: tables.pop(name) for name in _LENGTHS if name in tables}, old / new) | tables
-
-
-_IN_LENGTHS = ("material", "dynamics", "exposures")
-"""Tables of a recipe that hold lengths, beside those that a laboratory takes the place of."""
-_LENGTHS = {name: 1 for name in (
-    "thickness", "mean_free_path", "gaps", "correlation_length", "velocities", "coherence_length",
-)} | {"diffusion": 2}  # fmt: skip
-"""Fields that are powers of a length, in them or of the recipe, and which power."""
-
-
-def _unit_of_lengths(table: Any) -> float | None:
-    """Metres in a unit of length, by the wavelength of a table; written lengths come to micrometres."""
-    wavelength = table.get("wavelength") if isinstance(table, Mapping) else None
-    return 1e-6 if isinstance(wavelength, str) else unit_of(wavelength)
-
-
-def _rescaled(value: Any, ratio: float) -> Any:
-    if isinstance(value, list | tuple):
-        return [_rescaled(each, ratio) for each in value]
-    if not isinstance(value, Mapping):
-        return value
-    return {
-        name: _scaled(each, ratio ** _LENGTHS[name]) if name in _LENGTHS
-        else each if name == "scatterer" else _rescaled(each, ratio)
-        for name, each in value.items()
-    }  # fmt: skip
-
-
-def _scaled(value: Any, ratio: float) -> Any:
-    """A length times a ratio: a number, a distribution, or a list of them; rounded to twelve digits."""
-    if isinstance(value, Mapping):
-        return {name: _scaled(each, ratio) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_scaled(each, ratio) for each in value]
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return float(f"{value * ratio:.12g}") if number else value
-
-
-def _unit(table: Mapping[str, Any]) -> float:
-    """Metres in the unit of the plain numbers: that of a wavelength that is one, else the micrometre."""
-    for name in ("lab", "material"):
-        part = table.get(name)
-        unit = unit_of(part.get("wavelength")) if isinstance(part, Mapping) else None
-        if unit is not None:
-            return unit
-    material = table.get("material")
-    preset = material.get("preset") if isinstance(material, Mapping) else None
-    unit = preset.get("unit") if isinstance(preset, Mapping) else None
-    return float(unit) if isinstance(unit, int | float) else 1e-6
-
-
-def _texts(value: Any, where: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], str]]:
-    if isinstance(value, str):
-        yield where, value
-    elif isinstance(value, Mapping):
-        for name, each in value.items():
-            if not _is_text(where, name):
-                yield from _texts(each, (*where, str(name)))
-    elif isinstance(value, list | tuple):
-        for each in value:
-            yield from _texts(each, where)
-
-
-def _is_text(where: tuple[str, ...], name: str) -> bool:
-    """Whether a field holds words, among which "5deg" is four characters that are held out."""
-    return name in _TEXTS or (where[:1] == ("objects",) and name in ("train", "validation", "test", "characters"))
-
-
-def _has_unit(text: str) -> bool:
-    return metres_of(text) is not None or sine_of(text) is not None
-
-
-def _walked(value: Any, where: tuple[str, ...], unit: float) -> Any:
-    if isinstance(value, str):
-        return _number(value, where, unit) if _has_unit(value) else value
-    if isinstance(value, Mapping):
-        return {
-            name: each if _is_text(where, name) else _walked(each, (*where, str(name)), unit)
-            for name, each in value.items()
-        }
-    if isinstance(value, list | tuple):
-        return [_walked(each, where, unit) for each in value]
-    return value
-
-
-def _number(text: str, where: tuple[str, ...], unit: float) -> float:
-    field = ".".join(where)
-    sine = sine_of(text)
-    if any(name in _PLAIN for name in where):
-        reject(field, "a plain number, which has no unit of length or angle", text)
-    if where[:2] == ("light", "bandwidth"):
-        reject(field, "a number, in wavenumber inside the medium", text, "[lab] takes a bandwidth as a length.")
-    if sine is not None:
-        if where[0] not in ("field", "tilts", "material", "view", "object"):
-            reject(field, f"a length in {', '.join(METRES)}", text)
-        return sine
-    if where[0] == "field" or "angle" in where or ("aperture" in where and where[0] != "lab"):
-        reject(field, f"a direction sine, or an angle in {', '.join(RADIANS)}", text)
-    length = length_in(text, 1e-6 if where[-2:] == ("preset", "wavelength") else unit)
-    assert length is not None
-    return length

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from specklegen.core.arguments import positive_number, several
 from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
 from specklegen.core.shielded import shielded
+from specklegen.core.units import WAVELENGTH
 from specklegen.measured.observations import (
     ContrastVersusBandwidth,
     MemoryCurve,
@@ -107,9 +109,11 @@ class Advice(Pictured):
         axes.grid(alpha=0.3)
 
 
+@with_units
 @shielded()
 def advise(
-    slab: Slab, *, wavelength: float, instruments: Observation | Sequence[Observation] | None = None,
+    slab: Slab, *, wavelength: Annotated[float, WAVELENGTH],
+    instruments: Observation | Sequence[Observation] | None = None,
     free: Sequence[str] = ("thickness", "mean_free_path", "g"),
 ) -> Advice:  # fmt: skip
     """Say how well a slab would be known from measurements, and which one to add.

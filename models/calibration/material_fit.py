@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import tomli_w
@@ -24,7 +24,9 @@ from specklegen.core.arguments import choice, instance, positive_number, real_ar
 from specklegen.core.display.plot import Pictured, with_interval
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject
+from specklegen.core.quantities import Like, with_units
 from specklegen.core.shielded import shielded
+from specklegen.core.units import WAVELENGTH
 from specklegen.measured.observations import MemoryCurve, Observation, TemporalCurve
 from specklegen.models.calibration.least_squares import Held, Minimum, minimize, nothing_held
 from specklegen.models.calibration.prediction import (
@@ -308,9 +310,11 @@ class MaterialFit(Pictured):
         axes.grid(alpha=0.3)
 
 
+@with_units
 @shielded()
 def fit_material(
-    observations: Observation | Sequence[Observation], *, wavelength: float, known: Mapping[str, float] | None = None,
+    observations: Observation | Sequence[Observation], *, wavelength: Annotated[float, WAVELENGTH],
+    known: Annotated[Mapping[str, float], Like(Slab, Brownian)] | None = None,
     free: Sequence[str] = ("thickness", "mean_free_path", "g"), faces: Faces | None = None,
     lobe: str = "henyey-greenstein",
 ) -> MaterialFit:  # fmt: skip

@@ -1,11 +1,12 @@
 """The command ``specklegen fit-material``: a slab from tables of measured curves, and a recipe of it."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
 from specklegen.cli.output import AsJson, require_writable, show_fit
 from specklegen.cli.settings import option
 from specklegen.core.errors import reject
+from specklegen.core.units import WAVELENGTH, quantity
 
 if TYPE_CHECKING:
     from specklegen.measured import BallisticFraction, Transmittance
@@ -15,7 +16,7 @@ _RELATIVE = 0.02
 
 
 def fit_material(
-    wavelength: float = option(..., "Inside the medium; fixes the unit of every length."),
+    wavelength: Annotated[float, WAVELENGTH] = option(..., "Inside the medium; fixes the unit of every length."),
     tilt: Path | None = option(None, "CSV: tilt in radians, C_I, standard error."),
     movie: Path | None = option(None, "CSV: lag, g2, standard error."),
     bandwidth: Path | None = option(None, "CSV: full width in wavenumber, contrast, standard error."),
@@ -68,11 +69,11 @@ def _share(
         reject(f"{_OWNER} {flag}", "a number, or a number and its error such as .31+-.01", text)
 
 
-def _number(text: str) -> tuple[str, float]:
+def _number(text: str) -> tuple[str, Any]:
     name, sign, value = text.partition("=")
     try:
         if sign:
-            return name.strip(), float(value)
+            return name.strip(), value if quantity(value) else float(value)
     except ValueError:
         pass
     reject(f"{_OWNER} --known", "a name and a number such as thickness=1000", text)

@@ -15,6 +15,7 @@ from specklegen.cli.settings import option
 from specklegen.core.errors import reject
 from specklegen.core.registry import anchored
 from specklegen.core.tables import json_table, read_text, toml_table
+from specklegen.core.units import DEGREE, DIFFUSION, LENGTH, SINE, TIME, WAVELENGTH
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
     from specklegen.scene.media import Slab
     from specklegen.scene.scene import Scene
 
-Wavelength = Annotated[float, typer.Option(help="Inside the medium; fixes the unit of every length.")]
-Thickness = Annotated[float, typer.Option(help="Thickness of the slab.")]
+Wavelength = Annotated[float, WAVELENGTH, typer.Option(help="Inside the medium; fixes the unit of every length.")]
+Thickness = Annotated[float, LENGTH, typer.Option(help="Thickness of the slab.")]
 OpticalDepth = Annotated[float, typer.Option(help="Thickness over mean free path.")]
 Albedo = Annotated[float, typer.Option(help="Share of collisions that scatter.")]
 
@@ -44,11 +45,11 @@ def render(
     optical_depth: OpticalDepth = 10.0,
     g: float = option(0.9, "Anisotropy of scattering, -1 < g < 1.", "--g"),
     albedo: Albedo = 1.0,
-    width: float = option(50_000.0, "Side of the illuminated square."),
+    width: Annotated[float, LENGTH] = option(50_000.0, "Side of the illuminated square."),
     tilts: int = option(5, "Number of tilts.", min=1, max=100_000),
-    step: float = option(0.0025, "Angle between tilts, degrees."),
+    step: Annotated[float, DEGREE] = option(0.0025, "Angle between tilts, degrees."),
     views: int = option(128, "Views along each side of the image.", min=1, max=100_000),
-    pitch: float | None = option(None, "Direction sine between views (default: a third of a grain)."),
+    pitch: Annotated[float, SINE] | None = option(None, "Direction sine between views (default: a third of a grain)."),
     paths: int | None = option(None, "Random paths to trace (default 100000).", min=1),
     rel_error: float | None = option(None, "Instead of --paths: relative error to reach."),
     sampler: str = option(
@@ -131,12 +132,12 @@ def memory_effect_command(
         "wavelength that in vacuum.",
     ),
     scene: Path | None = option(None, "The medium of a scene, TOML or JSON, instead: layers, any lobe, screens."),
-    largest: float | None = option(
+    largest: Annotated[float, DEGREE] | None = option(
         None, "Largest tilt, degrees (default: where a tenth of C_I is left, by few paths).",
     ),
     points: int = option(33, "Tilts from 0 to the largest, both of them.", min=2, max=100_000),
-    lags: float | None = option(None, "Instead of tilts: largest lag of a slab that moves."),
-    diffusion: float | None = option(
+    lags: Annotated[float, TIME] | None = option(None, "Instead of tilts: largest lag of a slab that moves."),
+    diffusion: Annotated[float, DIFFUSION] | None = option(
         None, "Of its particles, length^2 / time (default: lags are in units of 1/(D k^2)).",
     ),
     mode: Literal["transmission", "reflection"] = option("transmission", "Side of the views."),
@@ -271,7 +272,7 @@ def reflectance(
     g: float = option(0.9, "Anisotropy of scattering, -1 < g < 1.", "--g"),
     albedo: Albedo = 1.0,
     index: float = option(1.0, "Refractive index of the slab, in air; 1 for matched faces."),
-    angle: float = option(0.0, "Of the light from the normal, in air, degrees."),
+    angle: Annotated[float, DEGREE] = option(0.0, "Of the light from the normal, in air, degrees."),
     paths: int | None = option(None, "Random paths to walk (default 100000).", min=1),
     rel_error: float | None = option(None, "Instead of --paths: largest error of a share."),
     seed: Seed = 0,

@@ -15,6 +15,10 @@ from typing import Any, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand
+from typer.models import OptionInfo
+
+from specklegen.core.quantities import Nodes, node_of, plain_numbers
+from specklegen.core.units import quantity
 
 _ENTRY = re.compile(r"^(\w+)\n((?:    .*\n?|\n)+)", re.MULTILINE)
 _MARKS = re.compile(r"(?::\w+:)?`+~?([^`]*)`+")
@@ -81,9 +85,33 @@ def _group(annotation: Any) -> tuple[Callable[..., Any], list[inspect.Parameter]
     return None
 
 
+class _Written(float):
+    """A number that stands in the command line, and is no default."""
+
+
+def _number(text: Any) -> Any:
+    """Read the number of an option, or leave a text with a unit such as "0.5 mm" as it is."""
+    try:
+        return _Written(text) if isinstance(text, str) else text
+    except ValueError:
+        if quantity(text) is None:
+            raise typer.BadParameter(f"{text!r} is neither a number nor one with a unit, such as '0.5 mm'.") from None
+        return text
+
+
+def _in_numbers(values: dict[str, Any], nodes: Nodes) -> dict[str, Any]:
+    """Return numbers for options with units; once one of the command line has a unit, all of it must have one."""
+    given = {name: values[name] for name in nodes if isinstance(values[name], str | _Written)}
+    return {name: float(number) for name, number in plain_numbers("--", given, nodes)[0].items()}
+
+
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that takes every option of its settings by name."""
+    """Return a command that takes every option of its settings by name, and units with its numbers."""
     stated = inspect.signature(command).parameters
+    nodes = {name: node for name, each in stated.items() if (node := node_of(each.annotation)) and node.dimension}
+    for name in nodes:
+        info = [*getattr(stated[name].annotation, "__metadata__", ()), stated[name].default]
+        next(each for each in info if isinstance(each, OptionInfo)).parser = _number
     groups = {name: group for name in stated if (group := _group(stated[name].annotation))}
     parameters = [
         option for name, parameter in stated.items()
@@ -92,6 +120,7 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def run(**values: Any) -> None:
+        values |= _in_numbers(values, nodes)
         for name, (settings, options) in groups.items():
             values[name] = settings(**{option.name: values.pop(option.name) for option in options})
         command(**values)

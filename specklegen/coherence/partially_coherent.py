@@ -27,7 +27,7 @@ With K of `MemoryEffectCorrelation` and A(s) the autocorrelation of p over (sum 
 """
 
 import math
-from typing import Unpack, get_args
+from typing import Annotated, Unpack, get_args
 
 import numpy as np
 
@@ -35,8 +35,10 @@ from specklegen.core.arguments import choice, instance, positive_number, real_nu
 from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
+from specklegen.core.quantities import with_units
 from specklegen.core.random_streams import Stream, pilot_seed
 from specklegen.core.shielded import shielded
+from specklegen.core.units import LENGTH, WAVELENGTH
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.tracer import slab_tracer
@@ -138,8 +140,10 @@ def _angular_spread(wavelength: float, coherence_length: float) -> float:
     return wavelength / (2 * np.pi * coherence_length)
 
 
+@with_units
 def gaussian_schell_object(
-    wavelength: float, coherence_length: float, width: float, profile: Profile = "square"
+    wavelength: Annotated[float, WAVELENGTH], coherence_length: Annotated[float, LENGTH],
+    width: Annotated[float, LENGTH], profile: Profile = "square",
 ) -> IncoherentObject:
     """Return partially coherent light along the axis, as illumination of a `Scene`.
 
@@ -221,9 +225,11 @@ def shared_speckle(
     return np.square(Window(profile, width).coherence(*np.meshgrid(x, y)))
 
 
+@with_units
 @shielded()
 def render_partially_coherent(
-    scene: Scene, coherence_length: float, *, budget: Budget | None = None, realizations: int | None = None,
+    scene: Scene, coherence_length: Annotated[float, LENGTH], *, budget: Budget | None = None,
+    realizations: int | None = None,
     sampler: AnySampler = "auto", field_tolerance: float = 1e-3, **fields: Unpack[BudgetFields],
 ) -> SpeckleStack:  # fmt: skip
     """Render a scene whose beams are partially coherent instead of coherent.

@@ -31,6 +31,21 @@ from pydantic.fields import FieldInfo
 
 from specklegen.core.display.signature import Legible, positional
 from specklegen.core.errors import RuleError, reject, shown
+from specklegen.core.quantities import (
+    Mark,
+    dotted,
+    holds_text,
+    mark_of,
+    marked,
+    nodes_for,
+    nodes_of,
+    parts_of,
+    plain_numbers,
+    require_light,
+    scales_in,
+    trusting,
+    with_texts,
+)
 from specklegen.core.shielded import FLOAT_ERRORS
 from specklegen.core.tables import json_table, toml_table
 
@@ -191,12 +206,21 @@ class Value(BaseModel, metaclass=Legible):
         if len(unnamed) > len(first) or set(first[: len(unnamed)]) & fields.keys():
             names = ", ".join(field.alias or name for name, field in type(self).model_fields.items())
             reject(owner, f"given by the names of its fields ({names})", unnamed, "Write name=value.")
+        given = dict(zip(first, unnamed, strict=False)) | fields
+        nodes, mark, texts = nodes_of(type(self)), Mark(), {}
+        if nodes and any(name in nodes and holds_text(value) for name, value in given.items()):
+            given, reading = plain_numbers(f"{owner}.", given, nodes_for(type(self), given), made=self)
+            mark, texts = reading.mark, {dotted(place): text for place, text in reading.texts.items()}
         try:
             with np.errstate(**FLOAT_ERRORS):  # a value is the same in a program that hunts for errors of its own
-                given = dict(zip(first, unnamed, strict=False)) | fields
                 super().__init__(**{name: _one_zero(value) for name, value in given.items()})
         except ValidationError as error:
-            raise broken_rules(owner, error, type(self)) from None
+            raise with_texts(broken_rules(owner, error, type(self)), texts) from None
+        if not mark.lengths and (scales := scales_in(map(self.__dict__.get, parts_of(type(self))))):
+            require_light(f"{owner}.", given, nodes, scales, made=self)
+            mark = mark._replace(metres=min(scales))
+        if any(mark):
+            marked(self, mark)
 
     def __dir__(self) -> list[str]:
         return sorted({*dir(type(self)), *type(self).model_fields})
@@ -253,8 +277,13 @@ class Value(BaseModel, metaclass=Legible):
 
     def replace(self, **changes: Any) -> Self:
         """Return a copy with some fields changed, validated anew."""
-        fields = type(self).model_fields.items()
-        return type(self)(**{field.alias or name: getattr(self, name) for name, field in fields} | changes)
+        fields = {field.alias or name: getattr(self, name) for name, field in type(self).model_fields.items()}
+        mark = mark_of(self)
+        if mark is None or not (mark.lengths or mark.times or any(map(holds_text, changes.values()))):
+            return type(self)(**fields | changes)
+        changes, reading = plain_numbers(f"{type(self).__name__}.", changes, nodes_of(type(self)), beside=mark)
+        with trusting():
+            return marked(type(self)(**fields | changes), reading.mark)
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and self._canonical_json == other._canonical_json  # type: ignore[attr-defined]

@@ -33,6 +33,7 @@ from specklegen.core.errors import reject
 from specklegen.core.random_streams import Stream, stream_key
 from specklegen.core.registered import Registered, member_of
 from specklegen.core.registry import Registry
+from specklegen.core.units import TIME
 from specklegen.core.values import NonNegative, Positive, PositiveInt
 from specklegen.instrument.poisson import add_poisson_field
 from specklegen.kernels import quantiles
@@ -120,7 +121,7 @@ class Camera(Registered):
     oversampling: PositiveInt = 1
     background: Annotated[float, Field(ge=0, le=MOST_ELECTRONS)] = 0.0
     dark_current: NonNegative = 0.0
-    exposure: Positive = 1.0
+    exposure: Annotated[Positive, TIME] = 1.0
     read_noise: NonNegative = 0.0
     gain: Positive = 1.0
     full_well: Positive | None = None

@@ -28,15 +28,15 @@ the image of the object fills the camera (h = s), phi_4 is 3/4 k_0 x_o**2 (D/2)*
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from specklegen.core.arguments import instance, real_array
 from specklegen.core.errors import reject, warn_user
-from specklegen.core.units import LAB_LENGTHS, plain_lengths, unit_of
+from specklegen.core.quantities import mark_of, nodes_of, with_units
+from specklegen.core.units import LENGTH, WAVELENGTH, unit_of
 from specklegen.core.values import Finite, NonNegative, Positive, PositiveInt, Value
 from specklegen.scene.faces import Faces
 from specklegen.scene.illumination import IncoherentObject
@@ -47,13 +47,12 @@ from specklegen.scene.sensors import FarFieldGrid
 from specklegen.scene.window import Profile
 
 PHASE_LIMIT = 0.3
-_LENGTHS = LAB_LENGTHS[:-1]  # a bandwidth may be 0
 _ROUNDING = 1e-12  # a limit that was computed and handed back must pass
 
 
 class LabSetup(Value):
-    """A laboratory. Every length is in one unit, which the wavelength fixes: here, say, millimetres. Or every one is
-    written with its unit, as "5 mm", and then kept in micrometres.
+    """A laboratory. Every length is in one unit, which the wavelength fixes: here, say, millimetres. Or every one that
+    is not 0 is written with its unit, as "5 mm", and then kept in micrometres.
 
     Parameters
     ----------
@@ -114,28 +113,22 @@ class LabSetup(Value):
     21.28
     """
 
-    wavelength: Positive
-    object_distance: Positive
-    object_extent: Positive
-    aperture: Positive
-    camera_distance: Positive | None = None
-    focal_length: Positive | None = None
-    focus: Finite | None = None
+    wavelength: Annotated[Positive, WAVELENGTH]
+    object_distance: Annotated[Positive, LENGTH]
+    object_extent: Annotated[Positive, LENGTH]
+    aperture: Annotated[Positive, LENGTH]
+    camera_distance: Annotated[Positive, LENGTH] | None = None
+    focal_length: Annotated[Positive, LENGTH] | None = None
+    focus: Annotated[Finite, LENGTH] | None = None
     objective: Positive | None = Field(default=None, alias="magnification")
     numerical_aperture: Annotated[float, Field(gt=0, lt=1)] | None = None
-    pixel_pitch: Positive
+    pixel_pitch: Annotated[Positive, LENGTH]
     pixels: tuple[PositiveInt, PositiveInt]
     oversampling: PositiveInt = 1
-    bandwidth: NonNegative = 0.0
+    bandwidth: Annotated[NonNegative, LENGTH] = 0.0
     refractive_index: Positive = 1.0
     faces: Literal["fresnel", "matched"] = "fresnel"
     wall: Positive | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _plain(cls, fields: Any) -> Any:
-        """Lengths that are written with units, as numbers."""
-        return plain_lengths("LabSetup", fields, LAB_LENGTHS) if isinstance(fields, Mapping) else fields
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -146,7 +139,8 @@ class LabSetup(Value):
         for name, number in lens.items():
             if (number is None) != (self.focus is None):
                 reject(f"LabSetup.{name}", "given with a focus, and only with it", number)
-        require_range({f"LabSetup.{name}": abs(getattr(self, name) or 0.0) for name in _LENGTHS})
+        lengths = [name for name in nodes_of(LabSetup) if name != "bandwidth"]  # which may be 0
+        require_range({f"LabSetup.{name}": abs(getattr(self, name) or 0.0) for name in lengths})
         self._check_sampling()
         if self.focus is not None:
             if self.bandwidth:
@@ -201,8 +195,11 @@ class LabSetup(Value):
 
     @property
     def metres(self) -> float:
-        """Metres in its unit of length, by its wavelength: that of light is .15 to 25 micrometres."""
-        unit = unit_of(self.wavelength)
+        """Metres in its unit of length: as it was written, or by its wavelength: that of light is .15 to 25
+        micrometres.
+        """
+        mark = mark_of(self)
+        unit = mark.metres if mark is not None else unit_of(self.wavelength)
         if unit is not None:
             return unit
         rule = "that of light, in nanometres, micrometres, millimetres or metres"
@@ -288,6 +285,7 @@ class LabSetup(Value):
         defocus = x**2 / u**3 + lensless * s * (2 * h - s) / v**3
         return {"phi_1": (k / 4 * shift, 1), "phi_3": (k / 16 * coma, 3), "phi_4": (k * 3 / 16 * defocus, 2)}
 
+    @with_units
     def scene(self, medium: Medium, brightness: ArrayLike, profile: Profile = "square") -> Scene:
         """Scene of an object, float[h, w], behind a layer, as the engine sees it.
 

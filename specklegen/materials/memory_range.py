@@ -6,12 +6,15 @@ moved to the ends of its range alone, then all are drawn together, and so is the
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
 from specklegen.core.arguments import positive_number, whole_number
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
 from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
+from specklegen.core.units import LENGTH, MICROMETRES, UNIT
 from specklegen.materials.preset import BulkMaterial
 from specklegen.materials.registry import about, get, known_wavelength, require_measured
 from specklegen.scene.media import Slab
@@ -64,9 +67,12 @@ class MemoryRange:
         return "\n".join(lines)
 
 
+@with_units
 def memory_range(
-    name: str, wavelength: float, thickness: float, *, outside: Sequence[float | None] = (1.0, 1.33),
-    unit: float = 1e-6, draws: int = 32, paths: int = 10_000, seed: Seed = 0, lobe: str | None = None, **numbers: float,
+    name: str, wavelength: Annotated[float, MICROMETRES], thickness: Annotated[float, LENGTH], *,
+    outside: Sequence[float | None] = (1.0, 1.33),
+    unit: Annotated[float, UNIT] = 1e-6, draws: int = 32, paths: int = 10_000, seed: Seed = 0,
+    lobe: str | None = None, **numbers: float,
 ) -> MemoryRange:  # fmt: skip
     """Memory range of a layer of a named material, along the axis in transmission, with its interval.
 

@@ -4,9 +4,12 @@ import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
 
+from specklegen.core.quantities import with_units
+from specklegen.core.units import LENGTH, WAVELENGTH
 from specklegen.core.values import Positive, UnitInterval, Value
 from specklegen.scene.faces import Faces
 from specklegen.scene.layers import Layer
@@ -157,23 +160,25 @@ class BulkMaterial(Value):
 
     name: str
     scatterer: AnyScatterer
-    mean_free_path: Positive
+    mean_free_path: Annotated[Positive, LENGTH]
     albedo: UnitInterval
     refractive_index: Positive
-    wavelength: Positive
+    wavelength: Annotated[Positive, WAVELENGTH]
 
     @property
     def transport_length(self) -> float:
         """l* = mean_free_path / (1 - g)."""
         return self.mean_free_path / (1 - self.scatterer.mean_cosine())
 
-    def layer(self, thickness: float) -> Layer:
+    @with_units
+    def layer(self, thickness: Annotated[float, LENGTH]) -> Layer:
         """One of the layers of :class:`specklegen.Layers`, of a thickness in the unit of the mean free path."""
         return Layer(
             thickness=thickness, mean_free_path=self.mean_free_path, albedo=self.albedo, scatterer=self.scatterer
         )  # fmt: skip
 
-    def slab(self, thickness: float, outside: float | None = 1.0, wall: float | None = None) -> Slab:
+    @with_units
+    def slab(self, thickness: Annotated[float, LENGTH], outside: float | None = 1.0, wall: float | None = None) -> Slab:
         """A layer of it.
 
         Parameters

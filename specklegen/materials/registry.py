@@ -1,12 +1,15 @@
 """Presets by name."""
 
 from collections.abc import Iterable
+from typing import Annotated
 
 import numpy as np
 
 from specklegen.core.arguments import choice, positive_number, real_number
 from specklegen.core.errors import reject, warn_user
+from specklegen.core.quantities import Mark, marked, with_units
 from specklegen.core.random_streams import Seed, Stream, stream_key
+from specklegen.core.units import MICROMETRES, UNIT
 from specklegen.materials.fog import FOG
 from specklegen.materials.ground_glass import GROUND_GLASS
 from specklegen.materials.intralipid import INTRALIPID
@@ -43,9 +46,11 @@ def about(name: str) -> Preset:
     return PRESETS[choice("materials name", name, names())]
 
 
+@with_units
 def get(
-    name: str, wavelength: float, *, unit: float = 1e-6, lobe: str | None = None, **numbers: float
-) -> BulkMaterial | GroundGlass:
+    name: str, wavelength: Annotated[float, MICROMETRES], *, unit: Annotated[float, UNIT] = 1e-6,
+    lobe: str | None = None, **numbers: float,
+) -> BulkMaterial | GroundGlass:  # fmt: skip
     """A material by its name.
 
     Parameters
@@ -102,8 +107,9 @@ def get(
     extinction = material.scattering + material.absorption
     if not extinction > 0:
         reject(f"materials.get({name!r})", "given numbers that scatter light", given)
+    scatterer = marked(material.scatterer.model_copy(), Mark(unit))  # which says the unit of all that is made of it
     return BulkMaterial(
-        name=name, scatterer=material.scatterer, mean_free_path=micrometre / extinction,
+        name=name, scatterer=scatterer, mean_free_path=micrometre / extinction,
         albedo=material.scattering / extinction, refractive_index=material.refractive_index,
         wavelength=wavelength * micrometre / material.refractive_index,
     )  # fmt: skip
@@ -137,9 +143,11 @@ def require_measured(name: str, wavelength: float, given: Iterable[str]) -> None
             )  # fmt: skip
 
 
+@with_units
 def draw(
-    name: str, wavelength: float, *, seed: Seed, unit: float = 1e-6, lobe: str | None = None, **numbers: float
-) -> BulkMaterial | GroundGlass:
+    name: str, wavelength: Annotated[float, MICROMETRES], *, seed: Seed, unit: Annotated[float, UNIT] = 1e-6,
+    lobe: str | None = None, **numbers: float,
+) -> BulkMaterial | GroundGlass:  # fmt: skip
     """A material by its name, what is not given drawn evenly from the ranges of the literature.
 
     A family of lobes is drawn as well, where a material may have several.

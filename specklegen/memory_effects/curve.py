@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, NamedTuple, Unpack, get_args
+from typing import Annotated, Any, Literal, NamedTuple, Unpack, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,9 +26,11 @@ from specklegen.core.labelled import Labelled, Labels
 from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import seconds as seconds_of
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
+from specklegen.core.quantities import with_units
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.shielded import shielded
 from specklegen.core.statistics import BATCHES, batch_sums, jackknife
+from specklegen.core.units import RADIAN, WAVELENGTH
 from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.memory_effects.oblique import estimate_oblique_correlation
 from specklegen.memory_effects.polarised import Channel, Polariser, axial_curve, pair_curve, polariser
@@ -233,10 +235,13 @@ class MemoryEffect(Pictured, Labelled):
         )  # fmt: skip
 
 
+@with_units
 @shielded()
 def memory_effect(
-    medium: PlaneMedium | ThinMedium, *, wavelength: float, tilts: ArrayLike, budget: Budget | None = None,
-    mode: Mode = "transmission", channel: Channel = "none", azimuth: float = 0.0, view: ArrayLike | None = None,
+    medium: PlaneMedium | ThinMedium, *, wavelength: Annotated[float, WAVELENGTH],
+    tilts: Annotated[ArrayLike, RADIAN], budget: Budget | None = None,
+    mode: Mode = "transmission", channel: Channel = "none", azimuth: Annotated[float, RADIAN] = 0.0,
+    view: ArrayLike | None = None,
     **fields: Unpack[BudgetFields],
 ) -> MemoryEffect:  # fmt: skip
     """Correlation of the speckle at zero tilt with that at each tilt, views moved with the tilt.

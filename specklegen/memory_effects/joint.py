@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,9 +26,11 @@ from specklegen.core.errors import reject
 from specklegen.core.labelled import Labelled, Labels
 from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import NANOSECONDS
+from specklegen.core.quantities import with_units
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.shielded import shielded
 from specklegen.core.statistics import BATCHES, jackknife
+from specklegen.core.units import LENGTH, RADIAN, TIME, WAVELENGTH
 from specklegen.memory_effects.temporal import require_even_flow, require_motion
 from specklegen.paths.analog_walk import require_walkable, walked
 from specklegen.paths.deep_absorption import require_reach
@@ -110,10 +112,12 @@ class JointCorrelation(Pictured, Labelled):
         axes.set(xlabel="shift", ylabel="tilt (sine)", xlim=across)
 
 
+@with_units
 @shielded()
 def joint_correlation(
-    medium: PlaneMedium | ThinMedium, *, wavelength: float, tilts: ArrayLike, shifts: ArrayLike,
-    budget: Budget | None = None, lags: ArrayLike = 0.0, **fields: Unpack[BudgetFields],
+    medium: PlaneMedium | ThinMedium, *, wavelength: Annotated[float, WAVELENGTH],
+    tilts: Annotated[ArrayLike, RADIAN], shifts: Annotated[ArrayLike, LENGTH],
+    budget: Budget | None = None, lags: Annotated[ArrayLike, TIME] = 0.0, **fields: Unpack[BudgetFields],
 ) -> JointCorrelation:  # fmt: skip
     """Joint tilt and shift correlation of transmitted light over all views.
 

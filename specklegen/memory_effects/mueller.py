@@ -9,7 +9,7 @@ of a path together where they interfere. Van de Hulst, *Light Scattering by Smal
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +19,11 @@ from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
+from specklegen.core.quantities import with_units
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.shielded import shielded
 from specklegen.core.statistics import BATCHES, jackknife
+from specklegen.core.units import WAVELENGTH
 from specklegen.memory_effects.curve import Mode, aimed, require_traced
 from specklegen.memory_effects.polarised import interfering, pair_ways
 from specklegen.paths.endpoints import AXIS
@@ -108,9 +110,11 @@ def _field(name: str, value: ArrayLike) -> np.ndarray:
     return field
 
 
+@with_units
 @shielded()
 def mueller_matrix(
-    medium: PlaneMedium, *, wavelength: float, budget: Budget | None = None, mode: Mode = "transmission",
+    medium: PlaneMedium, *, wavelength: Annotated[float, WAVELENGTH], budget: Budget | None = None,
+    mode: Mode = "transmission",
     view: ArrayLike | None = None, **fields: Unpack[BudgetFields],
 ) -> MuellerMatrix:  # fmt: skip
     """Estimate the mean Mueller matrix of the light that a slab scatters into one direction, at normal incidence.

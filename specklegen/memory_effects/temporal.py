@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, Unpack
+from typing import Annotated, Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,8 +27,10 @@ from specklegen.core.labelled import Labelled, Labels
 from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import seconds as seconds_of
 from specklegen.core.parallel import thread_count
+from specklegen.core.quantities import with_units
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.shielded import shielded
+from specklegen.core.units import RADIAN, TIME, WAVELENGTH
 from specklegen.memory_effects.curve import Aim, Mode, aimed, analysed, require_axial, require_tilts
 from specklegen.memory_effects.exposure import ExposureContrast, LightClasses, LightPaths
 from specklegen.memory_effects.polarised import Channel
@@ -154,10 +156,13 @@ class TemporalCorrelation(Pictured, Labelled):
             axes.set_xscale("symlog", linthresh=lags[lags > 0].min())
 
 
+@with_units
 @shielded()
 def temporal_correlation(
-    medium: Medium, *, wavelength: float, lags: ArrayLike, budget: Budget | None = None, tilts: ArrayLike = 0.0,
-    channel: Channel = "none", azimuth: float = 0.0, mode: Mode = "transmission", view: ArrayLike | None = None,
+    medium: Medium, *, wavelength: Annotated[float, WAVELENGTH], lags: Annotated[ArrayLike, TIME],
+    budget: Budget | None = None, tilts: Annotated[ArrayLike, RADIAN] = 0.0,
+    channel: Channel = "none", azimuth: Annotated[float, RADIAN] = 0.0, mode: Mode = "transmission",
+    view: ArrayLike | None = None,
     **fields: Unpack[BudgetFields],
 ) -> TemporalCorrelation:  # fmt: skip
     """Correlation of the speckle behind (or before) a medium with itself a lag later.

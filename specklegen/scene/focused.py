@@ -21,6 +21,7 @@ from pydantic import Field, model_validator
 from specklegen.core.arguments import positive_number, real_array
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
+from specklegen.core.units import LENGTH, OTHER_LENGTH, SINE
 from specklegen.core.values import Array, Positive, position_vectors
 from specklegen.scene.illumination import CollimatedBeams, Light, directions_of_sines
 from specklegen.scene.imaging import Pupil
@@ -65,11 +66,11 @@ class FocusedBeams(Light):
     focused: ClassVar[bool] = True
     profile: ClassVar[Profile] = "square"
     type: Literal["FocusedBeams"] = "FocusedBeams"
-    points: Array = Field(kw_only=False)
-    aperture: Annotated[float, Field(gt=0, lt=1)] | None = None
-    waist: Positive | None = None
+    points: Annotated[Array, LENGTH] = Field(kw_only=False)
+    aperture: Annotated[float, Field(gt=0, lt=1), SINE] | None = None
+    waist: Annotated[Positive, OTHER_LENGTH] | None = None
     pupil: Pupil = Pupil()
-    width: Positive | None = None
+    width: Annotated[Positive, LENGTH] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:

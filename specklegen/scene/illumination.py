@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,8 @@ from pydantic import Field, model_validator
 from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
+from specklegen.core.quantities import with_units
+from specklegen.core.units import LENGTH, NUMBER, RADIAN, SINE, TIME
 from specklegen.core.values import Array, Positive, Value, position_vectors, read_only, unit_vectors
 from specklegen.scene.window import Profile, Window
 
@@ -103,7 +105,7 @@ class PlaneWaves(Light):
 
     limited: ClassVar[bool] = False
     type: Literal["PlaneWaves"] = "PlaneWaves"
-    directions: Array = Field(kw_only=False)
+    directions: Annotated[Array, NUMBER] = Field(kw_only=False)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -111,7 +113,8 @@ class PlaneWaves(Light):
         return self
 
     @classmethod
-    def tilts(cls, angles: ArrayLike, dimensions: int = 3) -> Self:
+    @with_units
+    def tilts(cls, angles: Annotated[ArrayLike, RADIAN], dimensions: int = 3) -> Self:
         """Plane waves tilted from the axis by ``angles`` in radians.
 
         Parameters
@@ -159,11 +162,11 @@ class CollimatedBeams(Light):
     """
 
     type: Literal["CollimatedBeams"] = "CollimatedBeams"
-    directions: Array
-    width: Positive
+    directions: Annotated[Array, NUMBER]
+    width: Annotated[Positive, LENGTH]
     profile: Profile = "square"
-    times: Array | None = None
-    exposure: Array | None = None
+    times: Annotated[Array, TIME] | None = None
+    exposure: Annotated[Array, TIME] | None = None
     sub_frames: Array | None = None
 
     @model_validator(mode="after")
@@ -240,9 +243,11 @@ class CollimatedBeams(Light):
         return Window(self.profile, self.width)
 
     @classmethod
+    @with_units
     def tilts(
-        cls, angles: ArrayLike, width: float, profile: Profile = "square", dimensions: int = 3,
-        times: ArrayLike | None = None, exposure: ArrayLike | None = None,
+        cls, angles: Annotated[ArrayLike, RADIAN], width: Annotated[float, LENGTH], profile: Profile = "square",
+        dimensions: int = 3, times: Annotated[ArrayLike, TIME] | None = None,
+        exposure: Annotated[ArrayLike, TIME] | None = None,
     ) -> Self:  # fmt: skip
         """Beams tilted from the axis by ``angles`` in radians.
 
@@ -287,7 +292,7 @@ class PointSources(Light):
     limited: ClassVar[bool] = False
     near: ClassVar[bool] = True
     type: Literal["PointSources"] = "PointSources"
-    points: Array = Field(kw_only=False)
+    points: Annotated[Array, LENGTH] = Field(kw_only=False)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -328,8 +333,8 @@ class IncoherentObject(Light):
 
     type: Literal["IncoherentObject"] = "IncoherentObject"
     brightness: Array
-    pitch: Positive
-    width: Positive
+    pitch: Annotated[Positive, SINE]
+    width: Annotated[Positive, LENGTH]
     profile: Profile = "square"
 
     @model_validator(mode="after")

@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
+from specklegen.core.units import OTHER_LENGTH, SINE
 from specklegen.core.values import ComplexArray, Finite, Positive, PositiveInt, Value
 from specklegen.scene.illumination import directions_of_sines
 from specklegen.scene.sensors import FarFieldGrid, Sensor, Side
@@ -179,9 +180,9 @@ class Imaging(Sensor):
     focused: ClassVar[bool] = True
     type: Literal["Imaging"] = "Imaging"
     shape: tuple[PositiveInt, PositiveInt]  # type: ignore[assignment]
-    pitch: Positive
-    aperture: Annotated[float, Field(gt=0, lt=1)]
-    focus: Finite = 0.0
+    pitch: Annotated[Positive, OTHER_LENGTH]
+    aperture: Annotated[float, Field(gt=0, lt=1), SINE]
+    focus: Annotated[Finite, OTHER_LENGTH] = 0.0
     magnification: Positive = 1.0
     pupil: Pupil = Pupil()
     side: Side = "transmission"

@@ -27,8 +27,10 @@ from pydantic import (
 )
 
 from specklegen.core.errors import reject
+from specklegen.core.quantities import nodes_of
 from specklegen.core.registered import Registered, member_of
 from specklegen.core.registry import Registry, is_import_path
+from specklegen.core.units import LENGTH
 from specklegen.core.values import Positive, UnitInterval, Value, remembered
 from specklegen.scene.faces import Faces, require_index
 from specklegen.scene.motion import AnyMotion, Motion, fastest
@@ -63,8 +65,8 @@ class Layer(Value):
     3.0
     """
 
-    thickness: Positive
-    mean_free_path: Positive
+    thickness: Annotated[Positive, LENGTH]
+    mean_free_path: Annotated[Positive, LENGTH]
     albedo: UnitInterval = 1.0
     scatterer: AnyScatterer
     motion: AnyMotion | None = None
@@ -219,6 +221,8 @@ class Stratified(PlaneParallel, Registered):
         for name, value in _TOGETHER.items():
             if not cls._has(name):
                 setattr(cls, name, property(value))
+            elif name in cls.model_fields and name in nodes_of(Layer):  # of the dimension that it has in each layer
+                cls.model_fields[name].metadata.append(nodes_of(Layer)[name].dimension)
         if not cls._has("faces"):
             cls.faces = Faces()
         if not cls._has("polarisation"):

@@ -13,6 +13,7 @@ from pydantic import (
 )
 
 from specklegen.core.errors import reject
+from specklegen.core.units import INVERSE_LENGTH, LENGTH
 from specklegen.core.values import Array, NonNegative, Positive, UnitInterval, position_vectors
 from specklegen.scene.faces import Faces
 from specklegen.scene.layers import (
@@ -105,8 +106,8 @@ class Slab(PlaneParallel):
     """
 
     type: Literal["Slab"] = "Slab"
-    thickness: NonNegative
-    mean_free_path: Positive
+    thickness: Annotated[NonNegative, LENGTH]
+    mean_free_path: Annotated[Positive, LENGTH]
     albedo: UnitInterval = 1.0
     scatterer: AnyScatterer
     faces: Faces = Faces()
@@ -201,9 +202,9 @@ class Box(_Bounded):
     """
 
     type: Literal["Box"] = "Box"
-    lower: Array
-    upper: Array
-    mean_free_path: Positive
+    lower: Annotated[Array, LENGTH]
+    upper: Annotated[Array, LENGTH]
+    mean_free_path: Annotated[Positive, LENGTH]
     albedo: UnitInterval = 1.0
     scatterer: AnyScatterer
     motion: AnyMotion | None = None
@@ -268,9 +269,9 @@ class VoxelGrid(_Bounded):
 
     homogeneous: ClassVar[bool] = False
     type: Literal["VoxelGrid"] = "VoxelGrid"
-    lower: Array
-    upper: Array
-    extinction: Array
+    lower: Annotated[Array, LENGTH]
+    upper: Annotated[Array, LENGTH]
+    extinction: Annotated[Array, INVERSE_LENGTH]
     albedo: Array = Field(default_factory=lambda: np.ones(()), validate_default=True)
     material: Array = Field(default_factory=lambda: np.zeros(()), validate_default=True)
     scatterers: tuple[AnyScatterer, ...]

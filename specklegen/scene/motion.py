@@ -39,8 +39,10 @@ from pydantic import model_validator
 
 from specklegen.core.arguments import positive_number, real_array
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
 from specklegen.core.registered import Registered, member_of
 from specklegen.core.registry import Registry
+from specklegen.core.units import DIFFUSION, LENGTH, RATE, UNIT, VELOCITY
 from specklegen.core.values import Array, Finite, NonNegative, position_vectors
 
 BOLTZMANN = 1.380649e-23
@@ -122,10 +124,14 @@ class Brownian(Motion):
     0.005142
     """
 
-    diffusion: NonNegative
+    diffusion: Annotated[NonNegative, DIFFUSION]
 
     @classmethod
-    def of_sphere(cls, *, radius: float, viscosity: float, temperature: float, unit: float = 1e-6) -> Self:
+    @with_units
+    def of_sphere(
+        cls, *, radius: Annotated[float, LENGTH], viscosity: float, temperature: float,
+        unit: Annotated[float, UNIT] = 1e-6,
+    ) -> Self:  # fmt: skip
         """Brownian motion of a sphere in a liquid, D = k_B T / (6 pi eta a) (Einstein 1905; Stokes's drag).
 
         Parameters
@@ -210,7 +216,7 @@ class Drift(Flow):
     True
     """
 
-    velocity: Array
+    velocity: Annotated[Array, VELOCITY]
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -247,7 +253,7 @@ class Shear(Flow):
     array([1. , 0.2])
     """
 
-    rate: Finite
+    rate: Annotated[Finite, RATE]
 
     def affine(self, dimension: int) -> tuple[np.ndarray, np.ndarray]:
         """No velocity at the origin, and the gradient of x along z."""

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject
+from specklegen.core.units import WAVELENGTH
 from specklegen.core.values import Positive, Value
 from specklegen.scene.focused import FocusedBeams
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PlaneWaves, PointSources
@@ -66,7 +67,7 @@ class Scene(Value, Pictured):
     True
     """
 
-    wavelength: Positive
+    wavelength: Annotated[Positive, WAVELENGTH]
     medium: AnyMedium
     illumination: Illumination
     sensor: AnySensor

@@ -18,6 +18,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.quantities import Mark, marked
+from specklegen.core.units import OTHER_LENGTH, SINE, UNIT, VELOCITY
 from specklegen.core.values import Finite, NonNegative, Positive, Value
 from specklegen.scene.faces import Faces
 
@@ -60,9 +62,9 @@ class PhaseScreen(_Thin):
     """
 
     type: Literal["PhaseScreen"] = "PhaseScreen"
-    correlation_length: Positive
+    correlation_length: Annotated[Positive, OTHER_LENGTH]
     rms_phase: NonNegative | None = None
-    rms_height: NonNegative | None = None
+    rms_height: Annotated[NonNegative, OTHER_LENGTH] | None = None
     index: Positive | None = None
 
     @model_validator(mode="after")
@@ -152,10 +154,10 @@ class GroundGlass(_Thin):
 
     type: Literal["GroundGlass"] = "GroundGlass"
     grit: int | None = None
-    angle: Annotated[float, Field(gt=0, le=_FWHM * STEEPEST)] | None = None
-    rms_height: Positive | None = None
+    angle: Annotated[float, Field(gt=0, le=_FWHM * STEEPEST), SINE] | None = None
+    rms_height: Annotated[Positive, OTHER_LENGTH] | None = None
     index: Annotated[float, Field(gt=1, allow_inf_nan=False)] = 1.5
-    unit: Positive = 1e-6
+    unit: Annotated[Positive, UNIT] = 1e-6
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -166,7 +168,8 @@ class GroundGlass(_Thin):
         if self.grit is not None and self.rms_height is not None:
             reject("GroundGlass.rms_height", "left out where a grit is given", self.rms_height,
                    "Use a PhaseScreen for a roughness of your own.")  # fmt: skip
-        return self
+        # What is assumed of the face is known in micrometres.
+        return self if self.rms_height is not None else marked(self, Mark(self.unit))
 
     @property
     def screen(self) -> PhaseScreen:
@@ -214,9 +217,9 @@ class ScreenStack(_Thin):
 
     type: Literal["ScreenStack"] = "ScreenStack"
     screens: tuple[Screen, ...]
-    gaps: tuple[NonNegative, ...] = ()
-    behind: NonNegative = 0.0
-    velocities: tuple[tuple[Finite, Finite], ...] | None = None
+    gaps: tuple[Annotated[NonNegative, OTHER_LENGTH], ...] = ()
+    behind: Annotated[NonNegative, OTHER_LENGTH] = 0.0
+    velocities: tuple[tuple[Annotated[Finite, VELOCITY], Annotated[Finite, VELOCITY]], ...] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -13,8 +13,10 @@ from specklegen.core.arguments import real_array
 from specklegen.core.content import is_own
 from specklegen.core.errors import reject
 from specklegen.core.memory import memory_limit
+from specklegen.core.quantities import with_units
 from specklegen.core.registered import Registered, member_of
 from specklegen.core.registry import Registry
+from specklegen.core.units import LENGTH, NUMBER, RADIAN, SINE
 from specklegen.core.values import Array, Finite, Positive, PositiveInt, position_vectors, read_only, unit_vectors
 from specklegen.scene.illumination import directions_of_sines
 
@@ -126,7 +128,7 @@ class FarField(Sensor):
     """
 
     type: Literal["FarField"] = "FarField"
-    directions: Array = Field(kw_only=False)
+    directions: Annotated[Array, NUMBER] = Field(kw_only=False)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -145,16 +147,18 @@ class FarField(Sensor):
         return self.directions.shape[-1]
 
     @classmethod
-    def angles(cls, angles: ArrayLike) -> Self:
+    @with_units
+    def angles(cls, angles: Annotated[ArrayLike, RADIAN]) -> Self:
         """Views in flatland at ``angles`` from the axis, radians, any shape: directions (sin, cos)."""
         angles = real_array("FarField.angles", angles)
         return cls(directions=np.stack([np.sin(angles), np.cos(angles)], axis=-1))
 
     @staticmethod
+    @with_units
     def grid(
         shape: tuple[int, int],
-        pitch: float,
-        center: tuple[float, float] = (0.0, 0.0),
+        pitch: Annotated[float, SINE],
+        center: tuple[Annotated[float, SINE], Annotated[float, SINE]] = (0.0, 0.0),
         side: Side = "transmission",
     ) -> "FarFieldGrid":
         """Views on a regular grid of direction sines, a :class:`FarFieldGrid`.
@@ -197,8 +201,8 @@ class FarFieldGrid(Sensor):
 
     type: Literal["FarFieldGrid"] = "FarFieldGrid"
     shape: tuple[PositiveInt, PositiveInt]  # type: ignore[assignment]
-    pitch: Positive
-    center: tuple[Finite, Finite] = (0.0, 0.0)
+    pitch: Annotated[Positive, SINE]
+    center: tuple[Annotated[Finite, SINE], Annotated[Finite, SINE]] = (0.0, 0.0)
     side: Side = "transmission"
 
     @model_validator(mode="after")
@@ -321,7 +325,7 @@ class NearField(Sensor):
 
     near: ClassVar[bool] = True
     type: Literal["NearField"] = "NearField"
-    points: Array = Field(kw_only=False)
+    points: Annotated[Array, LENGTH] = Field(kw_only=False)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

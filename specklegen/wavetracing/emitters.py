@@ -1,11 +1,12 @@
 """Sources of beams."""
 
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.units import LENGTH, RADIAN, WAVELENGTH
 from specklegen.core.values import Array, Positive, Value, unit_vectors
 from specklegen.wavetracing.beams import GaussianBeam
 from specklegen.wavetracing.kernels.beam_sources import COLLIMATED, LASER, POINT
@@ -24,7 +25,7 @@ def _packed(emitter: "Emitter", kind: int, lower: np.ndarray, upper: np.ndarray,
 class _AtOnePlace(Value):
     """What emitters have in common whose light comes from one place."""
 
-    position: Array
+    position: Annotated[Array, LENGTH]
 
     @property
     def origin(self) -> np.ndarray:
@@ -68,11 +69,11 @@ class CollimatedEmitter(Value):
     1.0
     """
 
-    lower: Array
-    upper: Array
+    lower: Annotated[Array, LENGTH]
+    upper: Annotated[Array, LENGTH]
     direction: Array
-    beam_radius: Positive
-    wavelength: Positive
+    beam_radius: Annotated[Positive, LENGTH]
+    wavelength: Annotated[Positive, WAVELENGTH]
     power: Positive = 1.0
 
     def __init__(self, lower, upper, direction, beam_radius, wavelength, power=1.0):
@@ -147,9 +148,9 @@ class PointEmitter(_AtOnePlace):
     35.8
     """
 
-    wavelength: Positive
+    wavelength: Annotated[Positive, WAVELENGTH]
     power: Positive = 1.0
-    beam_angle: float = Field(0.02, gt=0, lt=np.pi / 4, allow_inf_nan=False)
+    beam_angle: Annotated[float, RADIAN] = Field(0.02, gt=0, lt=np.pi / 4, allow_inf_nan=False)
 
     def __init__(self, position, wavelength, power=1.0, beam_angle=0.02):
         super().__init__(position=position, wavelength=wavelength, power=power, beam_angle=beam_angle)
@@ -212,8 +213,8 @@ class GaussianLaser(_AtOnePlace):
     """
 
     direction: Array
-    waist: Positive
-    wavelength: Positive
+    waist: Annotated[Positive, LENGTH]
+    wavelength: Annotated[Positive, WAVELENGTH]
     power: Positive = 1.0
 
     def __init__(self, position, direction, waist, wavelength, power=1.0):

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, Self
+from typing import Annotated, Literal, Protocol, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.arguments import finite_numbers
 from specklegen.core.errors import reject
+from specklegen.core.units import WAVELENGTH
 from specklegen.core.values import Array, ComplexArray, ComplexNumber, Positive, Value, unit_vectors
 from specklegen.wavetracing.beams import GaussianBeam
 from specklegen.wavetracing.emitters import GaussianLaser, PointEmitter
@@ -62,7 +63,7 @@ class PlaneWave(Value):
     """
 
     type: Literal["PlaneWave"] = "PlaneWave"
-    wavelength: Positive
+    wavelength: Annotated[Positive, WAVELENGTH]
     direction: Array = np.array([0.0, 0.0, 1.0])
     amplitude: ComplexNumber = 1.0 + 0.0j
 
@@ -112,7 +113,7 @@ class WaveSum(Value):
     type: Literal["WaveSum"] = "WaveSum"
     directions: Array
     amplitudes: ComplexArray
-    wavelength: Positive
+    wavelength: Annotated[Positive, WAVELENGTH]
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -1,12 +1,13 @@
 """Masks as arrays: what each square pixel of a screen lets through, grey, of a phase, or as it was measured."""
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.quadrature import gauss_legendre
+from specklegen.core.units import LENGTH
 from specklegen.core.values import Array, ComplexArray, Positive, Value
 
 MOST = 1 << 23
@@ -43,8 +44,8 @@ class Mask(Value):
 
     type: Literal["Mask"] = "Mask"
     values: ComplexArray
-    pitch: Positive
-    center: Array = np.zeros(2)
+    pitch: Annotated[Positive, LENGTH]
+    center: Annotated[Array, LENGTH] = np.zeros(2)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -20,6 +20,7 @@ from pydantic import Field
 
 from specklegen.core.arguments import choice, positive_number
 from specklegen.core.errors import reject, warn_user
+from specklegen.core.units import LENGTH
 from specklegen.core.values import ComplexNumber, Positive, UnitInterval, Value
 
 # Kinds as the kernels know them.
@@ -226,7 +227,7 @@ class Smooth(Value):
 
     kind: Literal["smooth"] = "smooth"
     permittivity: ComplexNumber
-    thickness: Positive | None = None
+    thickness: Annotated[Positive, LENGTH] | None = None
 
     def model_post_init(self, context) -> None:
         """Refuse gain."""
@@ -261,7 +262,7 @@ class Building(Value):
 
     kind: Literal["building"] = "building"
     name: str
-    thickness: Positive | None = None
+    thickness: Annotated[Positive, LENGTH] | None = None
 
     def model_post_init(self, context) -> None:
         """Refuse a name that no table has, before anything is traced."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -10,6 +10,7 @@ from pydantic import model_validator
 from specklegen.core.arguments import complex_array, real_number
 from specklegen.core.display.plot import Pictured, draw_map
 from specklegen.core.errors import reject
+from specklegen.core.units import LENGTH
 from specklegen.core.values import Array, Positive, PositiveInt, Value, read_only
 
 
@@ -37,11 +38,11 @@ class Plane(Value):
     """
 
     type: Literal["Plane"] = "Plane"
-    center: Array = np.zeros(3)
+    center: Annotated[Array, LENGTH] = np.zeros(3)
     normal: Array = np.array([0.0, 0.0, 1.0])
     up: Array = np.array([0.0, 1.0, 0.0])
     shape: tuple[PositiveInt, PositiveInt]
-    pitch: Positive
+    pitch: Annotated[Positive, LENGTH]
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -100,7 +101,7 @@ class PlaneField(Pictured):
     """
 
     values: np.ndarray
-    pitch: float
+    pitch: Annotated[float, LENGTH]
     wavelength: float
 
     _named = {"|u|": "values", "pitch": "pitch", "wavelength": "wavelength", "power": "power"}

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -24,6 +24,7 @@ from pydantic import model_validator
 from specklegen.core.errors import reject
 from specklegen.core.lazy import LazyModule, torch
 from specklegen.core.random_streams import Stream
+from specklegen.core.units import DEGREE
 from specklegen.core.values import Value
 from specklegen.datasets.distributions import Draw, Uniform, ends
 from specklegen.datasets.split import Purpose
@@ -87,7 +88,7 @@ class Bench(Value):
     True
     """
 
-    rotation: Draw = 0.0
+    rotation: Annotated[Draw, DEGREE] = 0.0
     magnification: Draw = 1.0
     aperture: Draw = 1.0
     polarisation: Draw = 1.0

@@ -18,14 +18,15 @@ import numpy as np
 from pydantic import BeforeValidator, PrivateAttr, TypeAdapter, WithJsonSchema, model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.units import unit_of
+from specklegen.core.quantities import Like
+from specklegen.core.units import LENGTH, NEAR_LIGHT, WAVELENGTH, unit_of
 from specklegen.core.values import Positive, Value
 from specklegen.datasets.distributions import Draw, drawn, ends, is_draw
 from specklegen.datasets.recipes.parts.material import Estimator
 from specklegen.datasets.split import Split
 from specklegen.instrument.lab import LabSetup
 from specklegen.samplers.screens.correlation import ScreenCorrelation, screen_correlation
-from specklegen.scene.screens import ScreenStack
+from specklegen.scene.screens import Screen, ScreenStack
 
 _DRAW = TypeAdapter(Draw)
 
@@ -41,13 +42,16 @@ def _read(screen: Any) -> Any:
 DrawnScreen = Annotated[
     dict[str, Any],
     BeforeValidator(_read),
+    Like(Screen),
     WithJsonSchema({"type": "object", "required": ["type"], "properties": {"type": {"type": "string"}}}),
 ]
 """A screen's table, with distributions in place of numbers."""
 
 
 def _in_unit(screens: Sequence[dict[str, Any]], metres: float) -> tuple[dict[str, Any], ...]:
-    """Screens whose ground glasses know the unit of length, unless they say another."""
+    """Screens whose ground glasses know the unit of length, unless they say another or it is the micrometre."""
+    if metres == 1e-6:
+        return tuple(screens)
     glasses = [each.get("type") == "GroundGlass" and "unit" not in each for each in screens]
     return tuple(each | {"unit": metres} if glass else each for each, glass in zip(screens, glasses, strict=True))
 
@@ -65,9 +69,9 @@ class Diffuser(Value):
         Distances between them, one fewer than there are screens.
     """
 
-    wavelength: Positive | None = None
+    wavelength: Annotated[Positive, WAVELENGTH] | None = None
     screens: tuple[DrawnScreen, ...]
-    gaps: tuple[Draw, ...] = ()
+    gaps: tuple[Annotated[Draw, LENGTH], ...] = ()
     _laboratory: float | None = PrivateAttr(None)
 
     kernel: ClassVar = "closed form"
@@ -76,11 +80,20 @@ class Diffuser(Value):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        unit = unit_of(self.wavelength)
-        if unit not in (None, 1e-6):  # grits are tabulated in micrometres
-            vars(self)["screens"] = _in_unit(self.screens, unit)
+        if self.wavelength is not None and any(each.get("type") == "GroundGlass" for each in self.screens):
+            vars(self)["screens"] = _in_unit(self.screens, self._unit(self.wavelength))
         self.extremes()  # refuses what is no stack
         return self
+
+    def _unit(self, wavelength: float) -> float:
+        """Metres in the unit of length, by the wavelength, or as the ground glasses say."""
+        stated = [each["unit"] for each in self.screens if "unit" in each]
+        unit = unit_of(wavelength)
+        metres = stated[0] if stated else unit
+        if metres is None or not NEAR_LIGHT[0] <= wavelength * metres <= NEAR_LIGHT[1]:
+            reject("Diffuser.wavelength", "one of light, 0.2 to 20 micrometres, before a ground glass", wavelength,
+                   'Write it with its unit, such as "532 nm", or in the unit of all lengths.')  # fmt: skip
+        return metres
 
     @property
     def varies(self) -> bool:

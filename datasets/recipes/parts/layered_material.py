@@ -26,6 +26,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.units import LENGTH, WAVELENGTH
 from specklegen.core.values import Positive, Value
 from specklegen.datasets.distributions import Draw, drawn, ends, is_draw, require_above
 from specklegen.datasets.recipes.parts.material import MOVING, CharacterizedMaterial, known
@@ -58,8 +59,8 @@ class LayerDraws(Value):
         Whether its particles stand still where the recipe's dynamics move those of the others: bone over blood.
     """
 
-    thickness: Draw
-    mean_free_path: Draw
+    thickness: Annotated[Draw, LENGTH]
+    mean_free_path: Annotated[Draw, LENGTH]
     albedo: Draw = 1.0
     g: Draw | None = None
     scatterer: Particles | None = None
@@ -110,7 +111,7 @@ class LayeredMaterial(Value):
         As of a slab that is given by its numbers.
     """
 
-    wavelength: Positive | None = None
+    wavelength: Annotated[Positive, WAVELENGTH] | None = None
     layers: tuple[LayerDraws, ...] = Field(min_length=1)
     kernel_paths: Annotated[int, Field(ge=64, le=10**9)] = 100_000
 

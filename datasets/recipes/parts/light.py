@@ -12,13 +12,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.units import LENGTH, RADIAN
 from specklegen.core.values import NonNegative, Positive, Value
 from specklegen.datasets.split import Purpose
 from specklegen.scene.polarisation import Polarisation
 from specklegen.synthesis.spectrum import Spectrum
 
 Analyser = Literal["none", "parallel", "crossed", "circular", "flipped"] | Annotated[
-    float, Field(ge=-np.pi, le=np.pi)
+    float, Field(ge=-np.pi, le=np.pi), RADIAN
 ]
 """Before the camera: none; along linear light, across it; for circular light that of its own helicity, or of the
 other; or at an angle (radians) from linear light."""
@@ -45,7 +46,7 @@ class Light(Value):
         linear light; or a list of those at right angles to each other, which see one medium.
     """
 
-    bandwidth: NonNegative = 0.0
+    bandwidth: Annotated[NonNegative, LENGTH] = 0.0
     spectrum: Spectrum = "gaussian"
     polarised: bool = True
     refractive_index: Positive = 1.0

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import pilot_seed
+from specklegen.core.units import LENGTH, WAVELENGTH
 from specklegen.core.values import Positive, Value
 from specklegen.datasets.distributions import Draw, drawn, ends, is_draw
 from specklegen.datasets.recipes.parts.particles import (
@@ -106,8 +107,8 @@ class Material(Value):
         One parameter that each split draws from a range of its own, within the range given here.
     """
 
-    wavelength: Positive | None = None
-    thickness: Draw
+    wavelength: Annotated[Positive, WAVELENGTH] | None = None
+    thickness: Annotated[Draw, LENGTH]
     optical_depth: Draw
     g: Draw | None = None
     scatterer: Particles | None = None

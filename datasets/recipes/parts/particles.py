@@ -21,6 +21,7 @@ from pydantic import (
 
 from specklegen.core.content import content_digest, is_own
 from specklegen.core.errors import reject
+from specklegen.core.quantities import Like
 from specklegen.core.registry import is_import_path
 from specklegen.core.values import CONTENT_KEY, IDENTITY, NAME_FIELDS, broken_rules, equals_default, for_identity
 from specklegen.datasets.distributions import Draw, drawn, ends, is_draw
@@ -103,6 +104,7 @@ def _content_of(table: Mapping[str, Any]) -> str:
 Particles = Annotated[
     dict[str, Any],
     PlainValidator(_read),
+    Like(AnyScatterer),
     WrapSerializer(_written),
     WithJsonSchema({"type": "object", "required": ["type"], "properties": {"type": {"type": "string"}}}),
 ]

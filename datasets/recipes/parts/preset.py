@@ -24,6 +24,8 @@ from pydantic import BeforeValidator, Field, TypeAdapter, WithJsonSchema, model_
 from specklegen import materials
 from specklegen.core.arguments import real_number
 from specklegen.core.errors import reject
+from specklegen.core.quantities import Like, Node
+from specklegen.core.units import LENGTH, MICROMETRES, UNIT
 from specklegen.core.values import Positive, Value
 from specklegen.datasets.distributions import Choice, Draw, Uniform, drawn, ends, is_draw, require_above
 from specklegen.datasets.recipes.parts.material import MOVING, CharacterizedMaterial, known
@@ -84,6 +86,7 @@ def _matched(outside: Any) -> Any:
 NamedMaterial = Annotated[
     dict[str, Any],
     BeforeValidator(_read),
+    Like({"wavelength": Node(MICROMETRES), "unit": Node(UNIT)}),
     WithJsonSchema({"type": "object", "required": ["name", "wavelength"],
                     "properties": {"name": {"enum": materials.list()}}}),
 ]  # fmt: skip
@@ -108,7 +111,7 @@ class PresetMaterial(Value):
     """
 
     preset: NamedMaterial
-    thickness: Draw
+    thickness: Annotated[Draw, LENGTH]
     outside: Annotated[Positive | Literal["matched"], BeforeValidator(_matched)] = 1.0
     kernel_paths: Annotated[int, Field(ge=64, le=10**9)] = 100_000
 

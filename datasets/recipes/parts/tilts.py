@@ -1,13 +1,14 @@
 """Tilts of the illumination of one medium: equally spaced along a line."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
 from specklegen.core.lazy import torch
+from specklegen.core.units import RADIAN
 from specklegen.core.values import PositiveInt, Value
 from specklegen.datasets.distributions import Choice, Draw, ends
 from specklegen.datasets.sample_schema import ArraySpec
@@ -36,8 +37,8 @@ class Tilts(Value):
     """
 
     count: PositiveInt = 5
-    step: Draw
-    azimuth: Draw = 0.0
+    step: Annotated[Draw, RADIAN]
+    azimuth: Annotated[Draw, RADIAN] = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Self:

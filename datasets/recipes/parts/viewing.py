@@ -6,12 +6,13 @@ one or the other; both become a :class:`Viewing`.
 """
 
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.units import LENGTH
 from specklegen.core.values import Positive, PositiveInt, Value
 from specklegen.instrument.lab import LabSetup
 from specklegen.scene.illumination import Profile
@@ -30,8 +31,12 @@ class Window(Value):
         Its shape.
     """
 
-    width: Positive | Literal["fitted"]
+    width: Annotated[Positive, LENGTH] | Literal["fitted"]
     profile: Profile = "square"
+
+
+LEAST_PIXELS = 2.0
+"""Camera pixels per speckle grain, at least: fewer undersample the speckle."""
 
 
 class CameraGrid(Value):
@@ -46,13 +51,7 @@ class CameraGrid(Value):
     """
 
     shape: tuple[PositiveInt, PositiveInt]
-    pixels_per_grain: Positive = 3.0
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.pixels_per_grain < 2:
-            reject("CameraGrid.pixels_per_grain", "at least 2", self.pixels_per_grain, "Fewer undersample the speckle.")
-        return self
+    pixels_per_grain: Annotated[float, Field(ge=LEAST_PIXELS, allow_inf_nan=False)] = 3.0
 
 
 class Lab(LabSetup):

@@ -1,10 +1,11 @@
 """The medium and the camera of recipes that path sums render: a box, voxels, or a slab seen from near by."""
 
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import model_validator
 
+from specklegen.core.units import LENGTH
 from specklegen.core.values import Positive, PositiveInt, Value
 from specklegen.datasets.distributions import Draw, require_above
 from specklegen.datasets.recipes.parts.viewing import CameraGrid
@@ -26,7 +27,7 @@ class Outline(Value):
         densities are independent and log-normal. May vary from medium to medium.
     """
 
-    width: Draw
+    width: Annotated[Draw, LENGTH]
     voxels: tuple[PositiveInt, PositiveInt, PositiveInt] | None = None
     contrast: Draw = 0.5
 
@@ -59,7 +60,7 @@ class PlacedCamera(CameraGrid):
         the camera is in the far field. A speckle is wavelength sqrt(distance^2 + width^2 / 4) / width across there.
     """
 
-    distance: Positive | None = None
+    distance: Annotated[Positive, LENGTH] | None = None
 
     def sensor(self, wavelength: float, thickness: float, lit: float) -> FarFieldGrid | NearField:
         """The camera behind an exit face of which at most ``lit`` shines."""

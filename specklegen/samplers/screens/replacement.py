@@ -9,15 +9,17 @@ slab lets through is walked beside them. docs/screens.md.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from specklegen.core.arguments import instance, positive_number, whole_number
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.shielded import shielded
+from specklegen.core.units import WAVELENGTH
 from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.paths.analog_walk import require_walkable, transmittance
 from specklegen.samplers.screens.correlation import screen_correlation
@@ -86,8 +88,11 @@ class Replacement(Pictured):
         return float(np.abs(self.of_stack - self.of_slab).max())
 
 
+@with_units
 @shielded()
-def stack_like(slab: Slab, *, wavelength: float, screens: int = 8, paths: int = 100_000, seed: Seed = 0) -> Replacement:
+def stack_like(
+    slab: Slab, *, wavelength: Annotated[float, WAVELENGTH], screens: int = 8, paths: int = 100_000, seed: Seed = 0
+) -> Replacement:
     """Screens in the place of a slab.
 
     Parameters

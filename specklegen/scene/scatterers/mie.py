@@ -10,13 +10,14 @@ e^(ikr)/(-ikr)), so that a small dielectric sphere has s > 0 forward.
 import math
 from functools import cached_property
 from types import ModuleType
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import field_validator
 
 from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
+from specklegen.core.units import LENGTH, WAVELENGTH
 from specklegen.core.values import ComplexNumber, Positive, read_only
 from specklegen.scene.scatterers.scatterer import Dimensions, Row, _WithAnisotropy
 from specklegen.scene.scatterers.tabulated import Tabulated, tabulated
@@ -53,8 +54,8 @@ class Mie(_WithAnisotropy):
     """
 
     type: Literal["Mie"] = "Mie"
-    radius: Positive
-    wavelength: Positive
+    radius: Annotated[Positive, LENGTH]
+    wavelength: Annotated[Positive, WAVELENGTH]
     refractive_index: ComplexNumber
 
     @field_validator("refractive_index")

@@ -5,9 +5,11 @@ import math
 import pytest
 
 from specklegen.core.errors import RuleError
-from specklegen.core.units import length_in, metres_of, sine_of
+from specklegen.core.units import LENGTH, RADIAN, SINE, quantity
 from specklegen.datasets import load_recipe
-from specklegen.datasets.recipes.recipe_files import changed
+from specklegen.datasets.recipes.multi_image import DynamicSlab
+from specklegen.datasets.recipes.recipe_files import RecipeFile, recipe_table
+from specklegen.datasets.recipes.written_units import plain
 from specklegen.instrument import LabSetup
 
 GLASS = {"material": {"screens": [{"type": "GroundGlass", "grit": 220}]}}
@@ -23,20 +25,28 @@ MILLIMETRES = {name: value / 1000 if isinstance(value, float) else value for nam
 
 
 @pytest.mark.parametrize(
-    ("text", "metres"),
-    [("5 mm", 5e-3), ("3.45um", 3.45e-6), (" 1e2 nm ", 1e-7), (".5 cm", 5e-3), ("-2 m", -2.0), ("7 μm", 7e-6),
-     ("5", None), ("5 s", None), ("mm", None), ("5 mm2", None), ("5 mm 3 mm", None), ("0.8 deg", None)],
+    ("text", "value", "powers"),
+    [("5 mm", 5e-3, (1, 0, 0)), ("3.45um", 3.45e-6, (1, 0, 0)), (" 1e2 nm ", 1e-7, (1, 0, 0)),
+     (".5 cm", 5e-3, (1, 0, 0)), ("-2 m", -2.0, (1, 0, 0)), ("7 μm", 7e-6, (1, 0, 0)), ("5 mm2", 5e-6, (2, 0, 0)),
+     ("3 um^2/s", 3e-12, (2, -1, 0)), ("200 µm/ms", 0.2, (1, -1, 0)), ("2 / mm", 2e3, (-1, 0, 0)),
+     ("4 cm-1", 4e2, (-1, 0, 0)), ("5 ms", 5e-3, (0, 1, 0)), ("0.8 deg", math.radians(0.8), (0, 0, 1)),
+     ("2 mrad", 0.002, (0, 0, 1)), ("5 Hz", 5.0, (0, -1, 0))],
 )  # fmt: skip
-def test_lengths(text, metres):
-    assert metres_of(text) == (None if metres is None else pytest.approx(metres, rel=1e-12))
-    assert length_in("0.532 um", 1e-3) == 0.000532  # rounded: the very number that people write
+def test_quantities(text, value, powers):
+    read = quantity(text)
+    assert read.value == pytest.approx(value, rel=1e-12)
+    assert (read.length, read.time, read.angle) == powers
 
 
-@pytest.mark.parametrize(
-    ("text", "sine"), [("0.8 deg", math.sin(math.radians(0.8))), ("2 mrad", math.sin(0.002)), ("5 mm", None)]
-)
-def test_angles(text, sine):
-    assert sine_of(text) == (None if sine is None else pytest.approx(sine, rel=1e-12))
+@pytest.mark.parametrize("text", ["5", "mm", "5 mm 3 mm", "5 /", "5 parsec", "", "5deg4x"])
+def test_texts_that_are_no_quantities(text):
+    assert quantity(text) is None
+
+
+def test_numbers_are_rounded_to_those_that_people_write():
+    assert quantity("0.532 um").number(LENGTH, 1e-3) == 0.000532
+    assert quantity("0.8 deg").number(SINE, 1e-6) == math.sin(math.radians(0.8))
+    assert quantity("0.8 deg").number(RADIAN, 1e-6) == math.radians(0.8)
 
 
 def test_units_are_the_same_recipe():
@@ -44,8 +54,6 @@ def test_units_are_the_same_recipe():
     assert written.fingerprint() == plain.fingerprint()
     assert written.lab.profile == "disc"
     assert LabSetup(**LAB) == LabSetup(**MICROMETRES)
-    in_millimetres = LAB | {"wavelength": 532e-6}  # a plain number says the unit
-    assert LabSetup(**in_millimetres) == LabSetup(**MILLIMETRES)
     slab = {"material": {"thickness": {"uniform": ["0.5 mm", "1 mm"]}, "wavelength": "500 nm"}, "media": "new"}
     found = load_recipe("through-slab", slab)
     assert found.material.thickness.uniform == (500.0, 1000.0)
@@ -104,9 +112,72 @@ def test_characters_that_are_held_out_are_no_length():
 
 
 def test_diffusion_is_a_length_squared():
-    base = {"material": {"wavelength": 0.5}, "dynamics": {"diffusion": {"uniform": [1.0, 4.0]}, "tau0": 1.0}}
-    found = changed(base, {"lab": {"wavelength": 500e-6}})
-    assert found["dynamics"] == {"diffusion": {"uniform": [1e-6, 4e-6]}, "tau0": 1.0}
+    lab = {name: each for name, each in MICROMETRES.items() if name != "wavelength"}
+    speed = {"dynamics": {"diffusion": {"uniform": [1.0, 4.0]}, "tau0": None, "correlation_time": None}}
+    base = RecipeFile(recipe_table("brownian-slab") | speed)
+    file = RecipeFile({"lab": lab | {"wavelength": 532e-6}}, (base,))
+    assert plain(file, DynamicSlab).table["dynamics"]["diffusion"] == {"uniform": [1e-6, 4e-6]}
+
+
+def users_file(tmp_path, text: str):
+    (tmp_path / "mine.toml").write_text(text)
+    return load_recipe(tmp_path / "mine.toml")
+
+
+BENCH = """
+[lab]
+wavelength = "532 nm"
+object_distance = "200 mm"
+object_extent = "0.3 mm"
+aperture = "5 mm"
+focal_length = "100 mm"
+pixel_pitch = "3.45 um"
+pixels = [256, 256]
+"""
+
+
+@pytest.mark.parametrize(("recipe", "material", "field", "right"), [
+    ("through-slab", 'preset = "brain"\nthickness = {}', "material.thickness", '"0.5 mm"'),
+    ("through-slab", "optical_depth = 10.0\nthickness = {}", "material.thickness", '"0.5 mm"'),
+    ("double-diffuser", 'screens = [{{ type = "GroundGlass", angle = 0.2 }}, {{ type = "GroundGlass", angle = 0.2 }}]\n'
+     "gaps = [{}]", "material.gaps.0", '"0.5 mm"'),
+])  # fmt: skip
+def test_a_bare_length_beside_a_laboratory_with_units(tmp_path, recipe, material, field, right):
+    """It was silently taken as micrometres."""
+    text = f'inherits = "{recipe}"\nname = "mine"\n{BENCH}[material]\n{material}\n'
+    with pytest.raises(RuleError, match=f'{field} must be written with its unit, such as "0.5 mm"'):
+        users_file(tmp_path, text.format(0.5))
+    loaded = users_file(tmp_path, text.format(right))
+    assert (loaded.material.gaps[0] if "gaps" in material else loaded.material.thickness) == 500.0
+
+
+def test_a_laboratory_that_changes_one_field(tmp_path):
+    base = load_recipe("through-slab-lab")  # in millimetres
+    written = users_file(tmp_path, 'inherits = "through-slab-lab"\n[lab]\nwavelength = "633 nm"\n')
+    assert written.lab.wavelength == 0.633
+    assert (written.lab.object_distance, written.material.thickness) == (200e3, 100.0)
+    focal = users_file(tmp_path, 'inherits = "through-slab-lab"\n[lab]\nfocal_length = 100.0\n')
+    assert (focal.lab.focal_length, focal.lab.camera_distance) == (100.0, None)
+    assert focal.lab.object_distance == base.lab.object_distance
+    text = 'inherits = "through-slab-lab"\nunset = ["exposure"]\n[lab]\nunset = ["bandwidth"]\n'
+    unset = users_file(tmp_path, text)
+    assert unset.lab.bandwidth == 0
+    assert unset.exposure is None
+    with pytest.raises(RuleError, match="lab.unset must be a list of fields that are inherited"):
+        users_file(tmp_path, 'inherits = "through-slab-lab"\n[lab]\nunset = ["focal_length"]\n')
+
+
+def test_a_file_with_units_is_changed_by_units_alone(tmp_path):
+    """A bare number would be micrometres, or else the unit of whoever reads it."""
+    users_file(tmp_path, f'inherits = "through-slab"\n{BENCH}[material]\nthickness = "0.5 mm"\n')
+    heir = 'inherits = "mine.toml"\n[material]\nthickness = {}\n'
+    for number, says in (("700.0", "material.thickness must be written with its unit, as "), ('"0.7 mm"', None)):
+        (tmp_path / "heir.toml").write_text(heir.format(number))
+        if says is None:
+            assert load_recipe(tmp_path / "heir.toml").material.thickness == 700.0
+        else:
+            with pytest.raises(RuleError, match=says):
+                load_recipe(tmp_path / "heir.toml")
 
 
 def test_a_setup_in_pixels():
@@ -125,17 +196,17 @@ def test_a_setup_in_pixels():
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"lab": LAB | {"aperture": "5 s"}}, 'LabSetup.aperture must be a number, or a length in nm, .*"?5 s'),
-        ({"lab": LAB | {"aperture": 5.0}}, 'LabSetup.aperture must be written with its unit, such as "5 mm"'),
+        ({"lab": LAB | {"aperture": "5 s"}}, "lab.aperture must be a length in nm, .*5 s"),
+        ({"lab": LAB | {"aperture": 5.0}},
+         'lab.aperture must be written with its unit, such as "5 mm", as lab.wavelength = "532 nm" has'),
         ({"lab": LAB | {"pixel_pitch": "65 um"}}, r'must be at most .* Written: .*lab.pixel_pitch = "65 um"'),
         ({"window": {"width": "5 deg"}}, "window.width must be a length in nm"),
         ({"field": {"pitch": "5 mm"}}, "field.pitch must be a direction sine, or an angle in rad"),
-        ({"light": {"bandwidth": "1 nm"}}, "light.bandwidth must be a number, in wavenumber"),
         ({"material": {"optical_depth": "1 mm"}}, "material.optical_depth must be a plain number"),
-        ({"material": {"g": {"uniform": ["0.8 um", 0.9]}}}, "material.g.uniform must be a plain number"),
+        ({"material": {"g": {"uniform": ["0.8 um", 0.9]}}}, "material.g.uniform.0 must be a plain number"),
         ({"material": {"albedo": "1 deg"}}, "material.albedo must be a plain number"),
         ({"material": {"screens": [{"type": "GroundGlass", "angle": {"uniform": ["1 mm", "2 mm"]}}]}},
-         "angle.uniform must be a direction sine, or an angle"),
+         "angle.uniform.0 must be a direction sine, or an angle"),
         ({"pixels": {"grain": 3.0, "shape": [64, 64]}}, "Pixels.object_pixel must be given"),
         ({"pixels": {"grain": 1.5, "object_pixel": 1.0, "shape": [64, 64]}}, "Pixels.grain must be at least 2"),
         ({"pixels": {"grain": 3.0, "object_pixel": 0, "shape": [64, 64]}}, "Pixels.object_pixel must be greater"),

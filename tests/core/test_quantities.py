@@ -1,0 +1,203 @@
+"""Lengths with units: the same setup however it is written, and no number among units without one."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import specklegen as sg
+from specklegen.core.errors import RuleError
+from specklegen.core.quantities import mark_of, nodes_of
+from specklegen.core.units import METRES
+from specklegen.datasets import load_recipe
+from specklegen.wavetracing import GaussianLaser, Plane
+
+UNITS = ("nm", "um", "mm", "m")
+SETUPS = 500
+LAB = ("wavelength", "object_distance", "object_extent", "aperture", "camera_distance", "pixel_pitch", "bandwidth")
+
+
+def drawn_lengths(rng: np.random.Generator) -> dict[str, float]:
+    """Lengths of a setup of four digits, metres."""
+    ranges = {
+        "wavelength": (0.4e-6, 0.8e-6), "thickness": (100e-6, 900e-6), "mean_free_path": (20e-6, 90e-6),
+        "width": (5e-3, 9e-3), "object_distance": (0.4, 0.6), "object_extent": (0.2e-3, 0.4e-3),
+        "aperture": (4e-3, 6e-3), "camera_distance": (0.15, 0.2), "pixel_pitch": (4e-6, 6e-6),
+        "bandwidth": (0.2e-9, 0.9e-9), "gap": (0.5e-3, 2e-3), "speed": (1e-6, 9e-6),
+    }  # fmt: skip
+    return {name: float(f"{rng.uniform(*ends):.4g}") for name, ends in ranges.items()}
+
+
+def texts(lengths: dict[str, float], rng: np.random.Generator) -> dict[str, str]:
+    """Write each length in a unit of its own."""
+    units = {name: str(rng.choice(UNITS)) for name in lengths}
+    return {name: f"{metres / METRES[units[name]]:.12g} {units[name]}" for name, metres in lengths.items()}
+
+
+def numbers(lengths: dict[str, float], unit: str) -> dict[str, float]:
+    """Write all lengths as bare numbers in one unit."""
+    return {name: float(f"{metres / METRES[unit]:.12g}") for name, metres in lengths.items()}
+
+
+def scene(size: dict, glass: bool) -> sg.Scene:
+    """A scene in Python, of lengths with units or bare ones."""
+    if glass:
+        screen = sg.PhaseScreen(correlation_length=size["mean_free_path"], rms_phase=1.0)
+        medium = sg.ScreenStack(screens=(screen, screen), gaps=(size["gap"],))
+    else:
+        velocity = size["speed"] + "/s" if isinstance(size["speed"], str) else size["speed"]
+        medium = sg.Slab(thickness=size["thickness"], mean_free_path=size["mean_free_path"],
+                         scatterer=sg.HenyeyGreenstein(0.9),
+                         motion=sg.Drift(velocity=[velocity, 0.0, 0.0]))  # fmt: skip
+    beams = sg.CollimatedBeams.tilts([0.0, 1e-5], width=size["width"])
+    return sg.Scene(wavelength=size["wavelength"], medium=medium, illumination=beams,
+                    sensor=sg.FarField.grid((4, 4), 2e-5))  # fmt: skip
+
+
+def changes(size: dict, glass: bool) -> dict:
+    """Tables of a recipe."""
+    lab = {name: size[name] for name in LAB} | {"pixels": [64, 64], "refractive_index": 1.4}
+    if not glass:
+        ends = [size["mean_free_path"], size["thickness"]]
+        return {"lab": lab, "material": {"thickness": {"uniform": ends}}}
+    screen = {"type": "PhaseScreen", "correlation_length": size["mean_free_path"], "rms_phase": 3.0}
+    lab = {name: each for name, each in lab.items() if name not in ("bandwidth", "refractive_index")}
+    return {"lab": lab, "material": {"screens": [screen, screen], "gaps": [size["gap"]]}}
+
+
+def recipe(size: dict, glass: bool) -> object:
+    return load_recipe("double-diffuser" if glass else "through-slab", changes(size, glass))
+
+
+@pytest.mark.parametrize(("make", "count"), [(scene, SETUPS - SETUPS // 5), (recipe, SETUPS // 5)])
+def test_one_setup_in_any_unit(make, count):
+    rng = np.random.default_rng(48)
+    for n in range(count):
+        lengths, glass = drawn_lengths(rng), bool(rng.integers(2))
+        bare = make(numbers(lengths, "um"), glass)
+        assert make(texts(lengths, rng), glass).fingerprint() == bare.fingerprint(), n
+        other = make(numbers(lengths, str(rng.choice(UNITS))), glass)
+        if make is scene and glass:
+            angles = [each.medium.rms_angle(each.wavelength) for each in (other, bare)]
+            assert angles[0] == pytest.approx(angles[1], rel=1e-9)
+        elif make is scene:  # the seed of its pilots: paths, and so pixels, are the same
+            assert other.unitless_fingerprint() == bare.unitless_fingerprint(), n
+        else:
+            assert other.geometry.grid.pitch == pytest.approx(bare.geometry.grid.pitch, rel=1e-9)
+
+
+@pytest.mark.parametrize(("make", "count"), [(scene, SETUPS - SETUPS // 5), (recipe, SETUPS // 5)])
+def test_one_bare_number_among_units_is_refused_by_its_field(make, count):
+    rng = np.random.default_rng(49)
+    for n in range(count):
+        lengths, glass = drawn_lengths(rng), bool(rng.integers(2))
+        size = texts(lengths, rng)
+        used = _used(make, glass)
+        name = str(rng.choice(used))
+        bare = size[name].split()[0]
+        with pytest.raises(RuleError, match="written with its unit, such as") as error:
+            make(size | {name: bare if n % 2 else float(bare)}, glass)
+        places = {"gap": ("gaps",), "mean_free_path": ("mean_free_path", "correlation_length", "uniform.0")}
+        places |= {"thickness": ("thickness",)}
+        assert any(place in str(error.value) for place in places.get(name, (name,)))
+
+
+def _used(make, glass: bool) -> list[str]:
+    """Names of the lengths that a setup has."""
+    if make is scene:
+        return ["wavelength", "width", "mean_free_path", "gap"] if glass else ["wavelength", "width", "thickness",
+                                                                              "mean_free_path"]  # fmt: skip
+    lab = [name for name in LAB if not glass or name != "bandwidth"]
+    return [*lab, "mean_free_path", "gap" if glass else "thickness"]
+
+
+@pytest.mark.parametrize(
+    ("make", "field"),
+    [
+        (lambda: sg.PhaseScreen(correlation_length="10 um", rms_height=1.0, index=1.5), "PhaseScreen.rms_height"),
+        (lambda: sg.ScreenStack(screens=[sg.PhaseScreen(correlation_length="10 um", rms_phase=1.0)] * 2, gaps=[500.0]),
+         "ScreenStack.gaps.0"),
+        (lambda: sg.ScreenStack(screens=[sg.PhaseScreen(correlation_length="1 um", rms_phase=1.0)],
+                                velocities=[(2.0, 0.0)]), "ScreenStack.velocities.0.0"),
+        (lambda: GaussianLaser([0, 0, -10], [0, 0, 1], waist="5 um", wavelength=0.5), "GaussianLaser.position"),
+        (lambda: Plane(center=["0 mm", "0 mm", "5 mm"], pitch=1.0), "Plane.pitch"),
+        (lambda: sg.materials.memory_range("milk", wavelength=0.633, thickness="1 mm"), "memory_range wavelength"),
+        (lambda: sg.memory_effect(sg.GroundGlass(grit=220), wavelength="532 nm", tilts=["0 mm"]),
+         "tilts.0 must be a number in radians"),
+        (lambda: sg.joint_correlation(slab(), wavelength="532 nm", tilts=[0.0], shifts=[1.0]),
+         "joint_correlation shifts.0 must be written"),
+        (lambda: sg.memory_effect(slab(), wavelength=0.532, tilts=[0.0]), "memory_effect wavelength"),
+        (lambda: sg.memory_effect(sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.Isotropic()),
+                                  wavelength="532 nm", tilts=[0.0]), "memory_effect medium.thickness"),
+        (lambda: slab().replace(thickness=700.0), "Slab.thickness"),
+    ],
+)  # fmt: skip
+def test_refused_by_field(make, field):
+    with pytest.raises(RuleError) as error:
+        make()
+    assert field in str(error.value)
+
+
+def slab(**fields: object) -> sg.Slab:
+    given = {"thickness": "0.5 mm", "mean_free_path": "50 um", "scatterer": sg.HenyeyGreenstein(0.9)} | fields
+    return sg.Slab(**given)
+
+
+def test_all_violations_are_told_at_once():
+    with pytest.raises(RuleError) as error:
+        load_recipe("through-slab", {"material": {"thickness": 0.5, "wavelength": "532 nm"}, "window": {"width": 5.0}})
+    assert [line.split(" must")[0] for line in str(error.value).split("\n")] == ["material.thickness", "window.width"]
+
+
+def test_a_ground_glass_takes_no_wavelength_in_metres():
+    glass = sg.GroundGlass(grit=220)
+    with pytest.raises(RuleError, match='It looks like metres: write 0.532 or "532 nm"'):
+        sg.memory_effect(glass, wavelength=532e-9, tilts=[0.0, 1e-3])
+    right = sg.memory_effect(glass, wavelength="532 nm", tilts=[0.0, 1e-3]).intensity
+    assert np.array_equal(right, sg.memory_effect(glass, wavelength=0.532, tilts=[0.0, 1e-3]).intensity)
+    in_metres = sg.GroundGlass(grit=220, unit=1.0)
+    assert sg.memory_effect(in_metres, wavelength=532e-9, tilts=[0.0, 1e-3]).intensity == pytest.approx(right)
+    with pytest.raises(RuleError, match="one unit of length"):
+        sg.ScreenStack(screens=(glass, in_metres), gaps=(1.0,))
+
+
+def test_presets_know_their_unit():
+    milk = sg.materials.get("milk", wavelength="633 nm")
+    assert milk == sg.materials.get("milk", wavelength=0.633)
+    medium = milk.slab("0.5 mm", None)
+    assert medium == milk.slab(500.0, None)
+    with pytest.raises(RuleError, match="It looks like millimetres"):
+        sg.memory_effect(medium, wavelength=0.000475, tilts=[0.0])
+    metres = sg.materials.get("milk", wavelength="633 nm", unit=1.0).slab("0.5 mm", None)
+    assert metres.thickness == 0.0005
+
+
+def test_marks_decide_no_result():
+    """A value with units equals that without, is pickled, and goes through every verb."""
+    size = texts(drawn_lengths(np.random.default_rng(1)), np.random.default_rng(2))
+    written = scene(size, glass=False)
+    plain = sg.Scene(**written.model_dump())
+    assert written == plain
+    assert mark_of(plain) is None
+    again = pickle.loads(pickle.dumps(written))
+    assert again == written
+    assert mark_of(again) == mark_of(written)
+    still = written.medium.replace(motion=None)
+    verbs = {
+        "render": lambda s: sg.render(s, paths=2000, seed=1).intensity,
+        "plan": lambda s: [sg.plan(s, paths=2000).sampler],
+        "covariance": lambda s: sg.covariance(s, paths=500, seed=1).value,
+        "mean_field": lambda s: sg.mean_field(s),
+    }
+    for name, verb in verbs.items():
+        assert np.array_equal(verb(written), verb(plain)), name
+    curve = sg.memory_effect(still, wavelength=size["wavelength"], tilts=["0 deg", "1 mrad"], paths=2000)
+    bare = sg.Slab(**still.model_dump())
+    assert np.array_equal(
+        curve.intensity, sg.memory_effect(bare, wavelength=plain.wavelength, tilts=[0, 1e-3], paths=2000).intensity
+    )
+
+
+def test_dimensions_are_those_of_fields():
+    assert {name for name, node in nodes_of(sg.Slab).items() if node.dimension} == {"thickness", "mean_free_path"}
+    assert nodes_of(sg.Drift)["velocity"].dimension.unit == "um/s"
