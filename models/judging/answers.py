@@ -104,27 +104,16 @@ class Regression(NamedTuple):
         """What everybody told, float64[n, K] each."""
         return {"network": self.told, **self.beside}
 
-    def determination(
-        self, resamples: int = 2000, seed: int = 0, *, told: np.ndarray | None = None
-    ) -> dict[str, Interval]:
-        """R^2 of each number, 1 less the mean square error over the variance; 95 % interval over samples.
-
-        ``told`` is by default what the network told.
-        """
-        square = np.square((self.told if told is None else told) - self.true)
-        rng = np.random.default_rng(np.random.SeedSequence(seed))
-        weights = rng.multinomial(len(square), np.full(len(square), 1 / len(square)), size=resamples) / len(square)
-        variance = weights @ np.square(self.true) - np.square(weights @ self.true)
-        low, high = np.quantile(1 - weights @ square / variance, [0.025, 0.975], axis=0)
-        mean = 1 - square.mean(0) / self.true.var(0)
-        intervals = zip(self.names, mean, low, high, strict=True)
-        return {name: Interval(*map(float, numbers)) for name, *numbers in intervals}
+    def determination(self, told: np.ndarray) -> dict[str, Interval]:
+        """R^2 of each number, 1 less the mean square error over the variance; 95 % interval over samples."""
+        intervals = determinations(np.square(told - self.true), self.true, np.square(self.true))
+        return dict(zip(self.names, intervals, strict=True))
 
     def rows(self) -> list[dict[str, Any]]:
         """R^2 of each number, of everybody where others stand beside the network."""
         return [
             ({"method": method} if self.beside else {}) | {"number": name, **interval._asdict()}
-            for method, answer in self.methods.items() for name, interval in self.determination(told=answer).items()
+            for method, answer in self.methods.items() for name, interval in self.determination(answer).items()
         ]  # fmt: skip
 
     def markdown(self) -> str:
@@ -135,7 +124,7 @@ class Regression(NamedTuple):
         lines += [f"{first}| number | R^2 | root mean square error |", f"{bar}{'|---' * 3}|"]
         for method, answer in self.methods.items():
             errors = np.sqrt(np.square(answer - self.true).mean(0))
-            for (name, interval), error in zip(self.determination(told=answer).items(), errors, strict=True):
+            for (name, interval), error in zip(self.determination(answer).items(), errors, strict=True):
                 label = f"log10 {name}" if self.names[name].logarithm else name
                 who = f"| {cell(method)} " if self.beside else ""
                 lines.append("{}| {} | {:.3f} [{:.3f}, {:.3f}] | {:.3f} |".format(who, label, *interval, error))
@@ -175,3 +164,19 @@ def judge(
     names = TARGETS[model.target].numbers
     answers = {name: np.concatenate(parts) for name, parts in others.items()}
     return Regression(predicted, in_units(rows.double(), names).numpy(), where, names, answers)
+
+
+def determinations(errors: np.ndarray, mean: np.ndarray, square: np.ndarray) -> list[Interval]:
+    """R^2 of each of K numbers with 95 % intervals over samples, by bootstrap.
+
+    Of float64[n, K]: square errors, and the mean of what is true, and of its square, in each sample.
+    """
+    count = len(mean)
+    draws = np.random.default_rng(np.random.SeedSequence(0)).multinomial(count, np.full(count, 1 / count), size=2000)
+
+    def score(weight: np.ndarray) -> np.ndarray:
+        return 1 - weight @ errors / (weight @ square - np.square(weight @ mean))
+
+    low, high = np.quantile(score(draws / count), [0.025, 0.975], axis=0)
+    numbers = zip(score(np.full(count, 1 / count)), low, high, strict=True)
+    return [Interval(*map(float, each)) for each in numbers]

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from specklegen.core.display.escape import cell, csv_cell
+from specklegen.models.judging.answers import determinations
 from specklegen.models.judging.isolation import copy_of
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.metrics import Interval
@@ -31,21 +32,12 @@ class MapScores(NamedTuple):
     square: np.ndarray
     media: np.ndarray
 
-    def determination(self, method: str, resamples: int = 2000, seed: int = 0) -> list[Interval]:
+    def determination(self, method: str) -> list[Interval]:
         """R^2 of each exposure: 1 less the mean square error over the variance of all pixels of all maps.
 
         With 95 % intervals over samples, by bootstrap.
         """
-        count = len(self.mean)
-        rng = np.random.default_rng(np.random.SeedSequence(seed))
-        weights = rng.multinomial(count, np.full(count, 1 / count), size=resamples) / count
-
-        def score(weight: np.ndarray) -> np.ndarray:
-            return 1 - weight @ self.errors[method] / (weight @ self.square - np.square(weight @ self.mean))
-
-        low, high = np.quantile(score(weights), [0.025, 0.975], axis=0)
-        numbers = zip(score(np.full(count, 1 / count)), low, high, strict=True)
-        return [Interval(*map(float, each)) for each in numbers]
+        return determinations(self.errors[method], self.mean, self.square)
 
     def rows(self) -> list[dict[str, Any]]:
         """R^2 of each exposure by everybody."""
