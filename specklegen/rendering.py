@@ -247,14 +247,10 @@ def rendered(scene: Scene, budget: Budget, options: Options) -> SpeckleStack:
     light = scene.illumination
     each = math.prod(light.images) * (8 if light.coherent else 4)  # bytes of a view
     held = (2 if options.mean else 1) * count * math.prod(scene.sensor.shape) * each
-    require_memory(
-        f"{options.owner} realizations", "held", held, f"{count} media",
-        "Render fewer at a time, each range under a seed of its own.", share=0.9,
-    )  # fmt: skip
-    require_time(
-        f"{options.owner} paths", plan.seconds_of(count), f"{plan.paths} paths, {count} media",
-        "Ask for fewer paths, or for a larger rel_error.",
-    )  # fmt: skip
+    require_memory(f"{options.owner} realizations", "held", held, f"{count} media",
+                   "Render fewer at a time, each range under a seed of its own.", share=0.9)  # fmt: skip
+    require_time(f"{options.owner} paths", plan.seconds_of(count), f"{plan.paths} paths, {count} media",
+                 "Ask for fewer paths, or for a larger rel_error.")  # fmt: skip
     remedy = "" if options.asked is None else ' Leave the choice to sampler="auto".'
     for doubt in plan.doubts:
         warn_user(f"{doubt}.{remedy}")

@@ -307,13 +307,11 @@ def fit_setup(
             f"the speckle of one point has a contrast of {contrast:.2f}, and none has one above 1: another target, or "
             "light that is limited before the medium instead of behind it"
         )
-    return SetupFit(
-        best.profile, float(np.exp(best.grain)), float(np.exp(best.grain) * errors[0]), float(contrast),
-        float(errors[1] / (2 * contrast)), float(noise),
-        float(min(errors[2] / (2 * noise) if noise else np.inf, np.sqrt(errors[2]))), behind, chance,
-        pixel_integration, len(tiles.power), seen, tuple(doubts), rings,
-        None if ranges is None else ranges.best, ranges,
-    )  # fmt: skip
+    return SetupFit(best.profile, float(np.exp(best.grain)), float(np.exp(best.grain) * errors[0]), float(contrast),
+                    float(errors[1] / (2 * contrast)), float(noise),
+                    float(min(errors[2] / (2 * noise) if noise else np.inf, np.sqrt(errors[2]))), behind, chance,
+                    pixel_integration, len(tiles.power), seen, tuple(doubts), rings,
+                    None if ranges is None else ranges.best, ranges)  # fmt: skip
 
 
 def influence(images: np.ndarray, setup: PointSpeckle) -> np.ndarray:
@@ -376,10 +374,8 @@ def _alone(tiles: _Seen, profile: Profile, grain: float, pixel: bool) -> np.ndar
 def _alone_behind(tiles: _Seen, targets: list[Target], profile: Profile, grain: float, pixel: bool) -> np.ndarray:
     """The same float64[n, F] of a target behind media."""
     one, target = torch.ones(1, dtype=torch.float64), targets[0]
-    transform = transforms(
-        tiles.rows, tiles.columns, tiles.shape, target.shape, target.step * one, float(np.exp(grain)) * one,
-        profile, pixel,
-    )  # fmt: skip
+    transform = transforms(tiles.rows, tiles.columns, tiles.shape, target.shape, target.step * one,
+                           float(np.exp(grain)) * one, profile, pixel)  # fmt: skip
     spectra = transform(torch.stack([each.lags for each in targets])[None])[0].numpy()[:, tiles.used]
     if pixel:  # the likelihood's P is 1 at lag 0 for any pixel: here it is less, as a pixel averages grains
         spectra = spectra * _kept(profile, float(np.exp(grain)))

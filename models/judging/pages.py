@@ -147,10 +147,8 @@ def scanned(recipe: HiddenObject, seed: int = 0) -> Callable[[Mapping[str, Any]]
 
     def method(batch: Mapping[str, Any]) -> Tensor:
         drawn = batch["parameters"]
-        optics = Optics(
-            drawn["object_pitch"] / drawn["camera_pitch"], drawn["wavelength"] / drawn["width"] / drawn["camera_pitch"],
-            recipe.profile,
-        )  # fmt: skip
+        optics = Optics(drawn["object_pitch"] / drawn["camera_pitch"],
+                        drawn["wavelength"] / drawn["width"] / drawn["camera_pitch"], recipe.profile)  # fmt: skip
         h, w = batch["spot"].shape
         apart = np.hypot(np.arange(1 - h, h)[:, None], np.arange(1 - w, w))
         curve = batch["memory_effect"][0].numpy()

@@ -204,8 +204,6 @@ def _transforms(
     """Transforms float32[1, ...] of one layout; media that are seen alike share them."""
     rows, columns = band(camera, grain)
     down, across = rows.double().numpy() / camera[0], columns.double().numpy() / camera[1]
-    one = transforms(
-        down, across, camera, objects, torch.tensor([step], dtype=torch.float64),
-        torch.tensor([grain], dtype=torch.float64), profile, pixel,
-    )  # fmt: skip
+    one = transforms(down, across, camera, objects, torch.tensor([step], dtype=torch.float64),
+                     torch.tensor([grain], dtype=torch.float64), profile, pixel)  # fmt: skip
     return Transforms(*(each.float() for each in one))

@@ -148,10 +148,8 @@ class Reconstructor:
         weights = restored(kept)
         network = _network_of(stated, weights, str(path)).to(device)
         about = stated.get("trained_on")
-        return cls(
-            network, stated["name"], stated["input"], stated["width"], stated["side"], stated["shape"], device,
-            about if isinstance(about, dict) else None, stated.get("target", "object"),
-        )  # fmt: skip
+        return cls(network, stated["name"], stated["input"], stated["width"], stated["side"], stated["shape"], device,
+                   about if isinstance(about, dict) else None, stated.get("target", "object"))  # fmt: skip
 
 
 def _network_of(stated: Mapping[str, Any], weights: Mapping[str, Tensor], path: str) -> nn.Module:

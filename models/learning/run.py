@@ -170,10 +170,8 @@ class Run:
     def reconstructor(self) -> Reconstructor:
         """The network as it is, ready to be used."""
         training = self.training
-        return Reconstructor(
-            self.network, training.network, training.input, training.width, self.side, self.shape, self.device,
-            self._trained_on(), training.target,
-        )  # fmt: skip
+        return Reconstructor(self.network, training.network, training.input, training.width, self.side, self.shape,
+                             self.device, self._trained_on(), training.target)  # fmt: skip
 
     def _trained_on(self) -> dict[str, Any] | None:
         """Table of the objects that the weights have seen, in this run and before it."""

@@ -150,11 +150,9 @@ def cross_entropy_of_classes(logits: Tensor, labels: Tensor) -> Tensor:
 
 
 def _of_numbers(names: Mapping[str, Scale]) -> Target:
-    return Target(
-        lambda batch: numbers_of(batch, names), functional.mse_loss, lambda logits: logits,
-        lambda made, rows: float(determination(made, rows).mean()), "r2", False, names,
-        lambda rows: in_units(rows, names),
-    )  # fmt: skip
+    return Target(lambda batch: numbers_of(batch, names), functional.mse_loss, lambda logits: logits,
+                  lambda made, rows: float(determination(made, rows).mean()), "r2", False, names,
+                  lambda rows: in_units(rows, names))  # fmt: skip
 
 
 TARGETS: dict[str, Target] = {

@@ -299,10 +299,8 @@ def _even(seen: Measurement) -> PhotographVerdict:
     """Verdict on frames that hold nothing at all."""
     reason = Reason("an even image", "all pixels are alike", "more light, or a longer exposure")
     none = float("inf")
-    return PhotographVerdict(
-        "no speckle", 0.0, (0.0, 0.0), None, (none, none), none, 0.0, 0.0, none, None, 0.0, 0.0, 0.0, 1.0, None,
-        {"light": none}, (reason,), tuple(seen.assumed), seen,
-    )  # fmt: skip
+    return PhotographVerdict("no speckle", 0.0, (0.0, 0.0), None, (none, none), none, 0.0, 0.0, none, None, 0.0, 0.0,
+                             0.0, 1.0, None, {"light": none}, (reason,), tuple(seen.assumed), seen)  # fmt: skip
 
 
 def _read(photographs: Source, dark: Source | float | None) -> Measurement:

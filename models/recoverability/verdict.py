@@ -255,12 +255,10 @@ def conditions_of(
         count, between = recipe.dynamics.frames, recipe.frames_correlation(ready)[1:]
         kept = (1 - np.arange(1, count) / count) * between**4
         frames = count / (1 + 2 * float(kept.sum()))
-    conditions = Conditions(
-        objects=objects, object_pitch=pitch / grain, memory_effect=np.concatenate([[1.0], c_i[1:]]),
-        camera=pixel / grain * float(np.prod(recipe.camera_shape)) ** 0.5, frames=frames,
-        electrons=electrons, saturation=saturation, beam=beam, removal=removal, compensation=compensation,
-        profile=recipe.profile,
-    )  # fmt: skip
+    conditions = Conditions(objects=objects, object_pitch=pitch / grain, memory_effect=np.concatenate([[1.0], c_i[1:]]),
+                            camera=pixel / grain * float(np.prod(recipe.camera_shape)) ** 0.5, frames=frames,
+                            electrons=electrons, saturation=saturation, beam=beam, removal=removal,
+                            compensation=compensation, profile=recipe.profile)  # fmt: skip
     ratio = np.array([ready.expected_contrast(each) for each in objects]) / speckle_contrast(conditions)
     return conditions.replace(contrast=min(1.0, float(ratio.mean())))
 

@@ -9,10 +9,8 @@ from specklegen.cli.output import AsJson, echo_json
 from specklegen.cli.settings import argument, option
 from specklegen.core.errors import counted
 
-measured = typer.Typer(
-    help="List the public measurements that docs/measurements.md reads, or fetch one.", rich_markup_mode=None,
-    no_args_is_help=True,
-)  # fmt: skip
+measured = typer.Typer(help="List the public measurements that docs/measurements.md reads, or fetch one.",
+                       rich_markup_mode=None, no_args_is_help=True)  # fmt: skip
 
 
 @measured.command("list", epilog=epilog("measured list"))

@@ -47,10 +47,8 @@ def recoverable(
     if not 0 <= removal < float("inf"):
         reject("--removal", "at least 0 and finite", removal)
     loaded = load_hidden(what[0], changes, images)
-    verdict = predict(
-        loaded, compensation=compensation, beam=float("inf") if beam is None else beam, removal=removal, media=media,
-        seed=seed,
-    )  # fmt: skip
+    verdict = predict(loaded, compensation=compensation, beam=float("inf") if beam is None else beam, removal=removal,
+                      media=media, seed=seed)  # fmt: skip
     if as_json:
         echo_json({
             "works": verdict.works, "probability": verdict.probability, "interval": verdict.interval,

@@ -48,10 +48,8 @@ def generate(
     begin = time.perf_counter()
     with Progress(count) as progress:
         try:
-            report = fill(
-                loaded, seed, split, samples=count, folder=out, processes=processes, shard_range=part,
-                progress=progress, notes=loaded.split_notes(), cluster=cluster,
-            )  # fmt: skip
+            report = fill(loaded, seed, split, samples=count, folder=out, processes=processes, shard_range=part,
+                          progress=progress, notes=loaded.split_notes(), cluster=cluster)  # fmt: skip
         except KeyboardInterrupt:
             progress.bar.close()
             typer.echo(

@@ -105,14 +105,12 @@ def train(
         renders = "cpu" if workers or law else device
         material = _of_recipe(recipe, shown, settings, out, validation_samples, until, workers, renders)
     few = min(_TABLED, len(material.held_out.targets))
-    beside = Beside(
-        batches_of(material.source, few, settings.seed, "validation", _TABLED // 8),
-        _methods(material.recipe, settings, seconds),
-        untrained(settings, material.held_out, device) if first is None else first,
-        None if seconds is None else begun + 2 * _PREPARING * seconds,
-        getattr(material.recipe, "profile", "square") if settings.of_objects else "square",
-        UNTRAINED if first is None else STARTED,
-    )  # fmt: skip
+    beside = Beside(batches_of(material.source, few, settings.seed, "validation", _TABLED // 8),
+                    _methods(material.recipe, settings, seconds),
+                    untrained(settings, material.held_out, device) if first is None else first,
+                    None if seconds is None else begun + 2 * _PREPARING * seconds,
+                    getattr(material.recipe, "profile", "square") if settings.of_objects else "square",
+                    UNTRAINED if first is None else STARTED)  # fmt: skip
     reserve = -time.perf_counter()
     if beside.judged:
         typer.echo(f"\nbefore training: {beside.table()}")
@@ -260,10 +258,8 @@ def _fitted(
             bar.update(done - (bar.n or done - 1))
 
         try:
-            model = fit(
-                settings, material.data, material.held_out, out, seconds=seconds, device=device, progress=show,
-                steps=step, about=material.about, begun=begun, reserve=reserve, start=first,
-            )  # fmt: skip
+            model = fit(settings, material.data, material.held_out, out, seconds=seconds, device=device, progress=show,
+                        steps=step, about=material.about, begun=begun, reserve=reserve, start=first)  # fmt: skip
         except KeyboardInterrupt:
             typer.echo(f"stopped; the same command goes on from {out / 'checkpoint.pt'}", err=True)
             raise typer.Exit(130) from None

@@ -170,10 +170,8 @@ def _lens(state: State) -> str:
 
 def _lags(state: State) -> str:
     lags = shown.autocorrelations(state)
-    return _pictures(
-        (lags.image, "autocorrelation of the image", "of the image"),
-        (lags.object, "autocorrelation of the object", "of the object"), high=0.7,
-    )  # fmt: skip
+    return _pictures((lags.image, "autocorrelation of the image", "of the image"),
+                     (lags.object, "autocorrelation of the object", "of the object"), high=0.7)  # fmt: skip
 
 
 def _curve(state: State) -> str:

@@ -196,10 +196,8 @@ def illuminate(
     dt = courant * layer.dx * layer.n_background
     crossing = (layer.n_points + MARGIN) / courant
     lasts = 2 * pulse.delay * pulse.duration / dt + 2.2 * crossing
-    require_memory(
-        "single_realization", "run", 200 * lasts, f"{lasts:.3g} steps of {dt:.3g} each",
-        "Use a shorter pulse, or larger cells (dx).",
-    )  # fmt: skip
+    require_memory("single_realization", "run", 200 * lasts, f"{lasts:.3g} steps of {dt:.3g} each",
+                   "Use a shorter pulse, or larger cells (dx).")  # fmt: skip
     steps = math.ceil(lasts)
     source = pulse(dt * np.arange(steps))
     n_fft = 1 << (steps + math.ceil(2 * layer.n_points / courant)).bit_length()  # no wrap: run + round trip

@@ -334,10 +334,8 @@ class LabSetup(Value):
         """The camera, a pixel a view."""
         if self.focus is None or self.objective is None or self.numerical_aperture is None:
             return FarFieldGrid(shape=self.view_shape, pitch=self.view_pitch)
-        return Imaging(
-            shape=self.view_shape, pitch=self.pixel_pitch / self.oversampling, magnification=self.objective,
-            aperture=self.numerical_aperture / self.refractive_index, focus=self.focus,
-        )  # fmt: skip
+        return Imaging(shape=self.view_shape, pitch=self.pixel_pitch / self.oversampling, magnification=self.objective,
+                       aperture=self.numerical_aperture / self.refractive_index, focus=self.focus)  # fmt: skip
 
 
 def _down(value: float) -> float:

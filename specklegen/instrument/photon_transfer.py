@@ -379,7 +379,5 @@ def _fitted(levels: list[Level], dark: _Dark, knee: Knee | None, bits: int, doub
         height = knee.counts - dark.offset
         well = gain * height
         well_error = float(np.hypot(height * gain_error, gain * np.hypot(knee.standard_error, dark.offset_error)))
-    return CameraFit(
-        float(gain), float(gain_error), float(read), float(read_error), dark.offset, dark.offset_error,
-        well, well_error, bits, tuple(levels), chi_squared, degrees, tuple(doubts),
-    )  # fmt: skip
+    return CameraFit(float(gain), float(gain_error), float(read), float(read_error), dark.offset, dark.offset_error,
+                     well, well_error, bits, tuple(levels), chi_squared, degrees, tuple(doubts))  # fmt: skip

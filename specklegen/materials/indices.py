@@ -23,10 +23,8 @@ def sellmeier(wavelength: float, *terms: tuple[float, float]) -> float:
 
 def water(wavelength: float) -> float:
     """Refractive index at 20 degrees Celsius: Daimon and Masumura, Applied Optics 46, 3811 (2007)."""
-    return sellmeier(
-        wavelength, (5.684027565e-1, 5.101829712e-3), (1.726177391e-1, 1.821153936e-2),
-        (2.086189578e-2, 2.620722293e-2), (1.130748688e-1, 1.069792721e1),
-    )  # fmt: skip
+    return sellmeier(wavelength, (5.684027565e-1, 5.101829712e-3), (1.726177391e-1, 1.821153936e-2),
+                     (2.086189578e-2, 2.620722293e-2), (1.130748688e-1, 1.069792721e1))  # fmt: skip
 
 
 def polystyrene(wavelength: float) -> float:

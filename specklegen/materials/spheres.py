@@ -36,15 +36,11 @@ _DENSE = (
     "absorption of water is left out."
 )
 
-POLYSTYRENE = Preset(
-    "polystyrene", "polystyrene spheres in water, by Mie theory", (indices.POLYSTYRENE[0], indices.CLEAR_WATER),
-    _numbers(0.5),
-    ("Polystyrene: Sultanova, Kasarova and Nikolov, Acta Physica Polonica A 116, 585 (2009)", _DAIMON),
-    in_water(indices.polystyrene), _DENSE,
-)  # fmt: skip
+POLYSTYRENE = Preset("polystyrene", "polystyrene spheres in water, by Mie theory",
+                     (indices.POLYSTYRENE[0], indices.CLEAR_WATER), _numbers(0.5),
+                     ("Polystyrene: Sultanova, Kasarova and Nikolov, Acta Physica Polonica A 116, 585 (2009)", _DAIMON),
+                     in_water(indices.polystyrene), _DENSE)  # fmt: skip
 
-SILICA = Preset(
-    "silica", "fused silica spheres in water, by Mie theory", (indices.SILICA[0], indices.CLEAR_WATER), _numbers(0.5),
-    ("Silica: Malitson, Journal of the Optical Society of America 55, 1205 (1965)", _DAIMON),
-    in_water(indices.silica), _DENSE,
-)  # fmt: skip
+SILICA = Preset("silica", "fused silica spheres in water, by Mie theory", (indices.SILICA[0], indices.CLEAR_WATER),
+                _numbers(0.5), ("Silica: Malitson, Journal of the Optical Society of America 55, 1205 (1965)", _DAIMON),
+                in_water(indices.silica), _DENSE)  # fmt: skip

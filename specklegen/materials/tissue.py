@@ -27,10 +27,8 @@ def make(
     x = wavelength / 0.5
     reduced = a * 1e-4 * (rayleigh * x**-4 + (1 - rayleigh) * x**-b)  # 1 / cm to 1 / micrometre
     if absorption is None:
-        absorption = of_tissue(
-            wavelength, blood_share=blood, oxygenation=oxygenation, water_share=water, fat_share=fat,
-            melanin_share=melanin,
-        )  # fmt: skip
+        absorption = of_tissue(wavelength, blood_share=blood, oxygenation=oxygenation, water_share=water, fat_share=fat,
+                               melanin_share=melanin)  # fmt: skip
     return Optics(lobe_of(lobe, g), reduced / (1 - g), absorption / 1000, 1.514 - (1.514 - 1.33) * water)
 
 

@@ -74,10 +74,8 @@ def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
         lens = lens_of(scene)
         return lens.image(mean_field(lens.pupil_scene, most_nodes=most_nodes))
     counts = len(scene.lights), math.prod(scene.sensor.shape)
-    require_memory(
-        "mean_field scene", "of a field that is held", 32.0 * math.prod(counts) + _VIEW_BYTES * counts[1],
-        f"{counts[0]} lights, {counts[1]} views", "Take fewer views at a time.", share=0.9,
-    )  # fmt: skip
+    require_memory("mean_field scene", "of a field that is held", 32.0 * math.prod(counts) + _VIEW_BYTES * counts[1],
+                   f"{counts[0]} lights, {counts[1]} views", "Take fewer views at a time.", share=0.9)  # fmt: skip
     took = 1e-9 * _NANOSECONDS * math.prod(counts)
     require_time("mean_field scene", took, f"{counts[0]} lights, {counts[1]} views", "Take fewer views.")
     if scene.sensor.near or lights.near:
@@ -101,10 +99,8 @@ def _rays(scene: Scene) -> np.ndarray:
     """complex128[T, V], the field of every light at every view with what is lost on the straight line."""
     lights, views = light_endpoints(scene), view_endpoints(scene)
     field = np.empty((len(lights), len(views)), np.complex128)
-    met = mean_integrals.rays(
-        volume_of(scene.volume, scene.dimension), lights.near, lights.vectors, views.near, views.vectors,
-        scene.wavelength, lights.footprint, lights.radius, field,
-    )  # fmt: skip
+    met = mean_integrals.rays(volume_of(scene.volume, scene.dimension), lights.near, lights.vectors, views.near,
+                              views.vectors, scene.wavelength, lights.footprint, lights.radius, field)  # fmt: skip
     if met >= 0:
         reject("mean_field scene.sensor.points", "away from every source", scene.views[met % len(views)],
                "The field of a point source is infinite there.")  # fmt: skip

@@ -221,10 +221,8 @@ def read_measurement(
         ) if share > _MANY
     ]  # fmt: skip
     shape_of_light, order, error = _envelope(envelope, light, good, kept, shape, assumed)
-    return Measurement(
-        light, good, shape_of_light, order, error, kept, converter.bit_depth, converter.largest, saturated, at_zero,
-        int(hot.sum()), read.files, tuple(assumed), tuple(doubts),
-    )  # fmt: skip
+    return Measurement(light, good, shape_of_light, order, error, kept, converter.bit_depth, converter.largest,
+                       saturated, at_zero, int(hot.sum()), read.files, tuple(assumed), tuple(doubts))  # fmt: skip
 
 
 def _numbers(frames: int | slice | Sequence[int], total: int) -> np.ndarray:

@@ -265,10 +265,8 @@ def read_sphere(path: str | Path, *, dual_beam: bool = False) -> SphereReadings:
     total = columns["reflection"] + columns.get("transmission", 0.0)
     doubts = [f"sample {int(total.argmax()) + 1} sends out {total.max():.3g} of the light"] if total.max() > 1 else []
     sample, slide, thickness, glass, beam, standard, number = numbers[:7]
-    return SphereReadings(
-        sample, slide, thickness, glass, beam, standard, int(number), spheres[0], spheres[1], columns, dual_beam,
-        str(path), tuple(doubts),
-    )  # fmt: skip
+    return SphereReadings(sample, slide, thickness, glass, beam, standard, int(number), spheres[0], spheres[1], columns,
+                          dual_beam, str(path), tuple(doubts))  # fmt: skip
 
 
 def _check_head(owner: str, numbers: list[float], where: list[int]) -> None:

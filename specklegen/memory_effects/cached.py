@@ -57,10 +57,8 @@ def medium_seed(medium: PlaneMedium) -> int:
 
 def axial_correlation(medium: PlaneMedium, paths: int, *, threads: int | None = None) -> MemoryEffectCorrelation:
     """K of a medium along the axis, from ``paths`` paths of its own, traced once."""
-    return _cached(
-        MemoryEffectCorrelation, medium, paths, (),
-        lambda seed: estimate_correlation(medium, paths, seed, threads=threads),
-    )  # fmt: skip
+    return _cached(MemoryEffectCorrelation, medium, paths, (),
+                   lambda seed: estimate_correlation(medium, paths, seed, threads=threads))  # fmt: skip
 
 
 def oblique_correlation(

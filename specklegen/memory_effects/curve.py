@@ -363,11 +363,9 @@ def require_traced(owner: str, medium: PlaneMedium, aim: Aim, count: int, thread
     ends = 2.0 * (1 + len(aim.light)) * count * (2 if reverse else 1)
     drawn = aim.side > 0 and matched and not reverse and draws_across(medium)
     events = count * (events_across(medium) if drawn else events_per_path(medium))
-    require_time(
-        f"{owner} tilts", seconds_of({"path": count, "event": events, "end": ends}, thread_count(threads)),
-        f"{len(aim.light)} tilts of {count} paths, {events:.1e} scatterings",
-        "Ask for fewer tilts, or for fewer paths.",
-    )  # fmt: skip
+    require_time(f"{owner} tilts", seconds_of({"path": count, "event": events, "end": ends}, thread_count(threads)),
+                 f"{len(aim.light)} tilts of {count} paths, {events:.1e} scatterings",
+                 "Ask for fewer tilts, or for fewer paths.")  # fmt: skip
 
 
 def analysed(owner: str, medium: object, channel: str, azimuth: float) -> Polariser | None:

@@ -118,7 +118,5 @@ def _of_axial_light(medium: PlaneMedium, paths: int, seed: Seed, threads: int | 
     light = axial_light(medium, paths, seed, threads)
     lit, inside = light.weight > 0, inside_share(medium)
     total = light.weight.sum()
-    return ObliqueCorrelation(
-        light.displacement[lit], inside * light.weight[lit], np.flatnonzero(lit), paths,
-        float(light.once.sum() / total) if total else 0.0, light.transfer[lit],
-    )  # fmt: skip
+    return ObliqueCorrelation(light.displacement[lit], inside * light.weight[lit], np.flatnonzero(lit), paths,
+                              float(light.once.sum() / total) if total else 0.0, light.transfer[lit])  # fmt: skip

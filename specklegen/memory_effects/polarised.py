@@ -145,10 +145,8 @@ def axial_light(
     batches = max(min(BATCHES, paths), 1)
     once = bank.orders == 1
     lit = np.einsum("aam->m", terms[:, :, 0]).real
-    return AxialLight(
-        np.hypot(*way.T), terms, bank.paths * batches // max(paths, 1), batches, float(lit[once].sum()),
-        momentum_transfer(tracer.layout, bank) if transfer else None,
-    )  # fmt: skip
+    return AxialLight(np.hypot(*way.T), terms, bank.paths * batches // max(paths, 1), batches, float(lit[once].sum()),
+                      momentum_transfer(tracer.layout, bank) if transfer else None)  # fmt: skip
 
 
 def _terms(matrices: np.ndarray, azimuth: np.ndarray, seen: Polariser) -> np.ndarray:
@@ -314,11 +312,9 @@ def pair_light(
         return sums, single, weights, turned
 
     batches = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(threads)))
-    return PairLight(
-        np.array([each[0] for each in batches]), sum(each[1] for each in batches),
-        np.concatenate([each[2] for each in batches]), np.concatenate([each[3] for each in batches]),
-        np.repeat(np.arange(len(batches)), [len(each[2]) for each in batches]),
-    )  # fmt: skip
+    return PairLight(np.array([each[0] for each in batches]), sum(each[1] for each in batches),
+                     np.concatenate([each[2] for each in batches]), np.concatenate([each[3] for each in batches]),
+                     np.repeat(np.arange(len(batches)), [len(each[2]) for each in batches]))  # fmt: skip
 
 
 def pair_curve(

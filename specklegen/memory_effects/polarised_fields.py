@@ -208,10 +208,8 @@ def estimate_polarised_correlation(
     def gathered(values: np.ndarray) -> np.ndarray:
         return np.bincount(place, weight * values.real, bins) + 1j * np.bincount(place, weight * values.imag, bins)
 
-    return PolarisedCorrelation(
-        np.sqrt(np.divide(squares, share, out=np.zeros(bins), where=share > 0)), rows, gathered(two), gathered(four),
-        paths,
-    )  # fmt: skip
+    return PolarisedCorrelation(np.sqrt(np.divide(squares, share, out=np.zeros(bins), where=share > 0)), rows,
+                                gathered(two), gathered(four), paths)  # fmt: skip
 
 
 def _harmonics(

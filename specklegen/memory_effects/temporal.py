@@ -297,11 +297,9 @@ def _of_plane(
         if refracting_layers(medium):
             require_walkable(owner, medium, count)
 
-    return _Sight(
-        aim, partial(plane_tracer, medium, wavelength, lights, views, reverse, transfer=True),
-        events_across(medium) if drawn else events_per_path(medium), pilot_seed(medium.unitless_fingerprint()),
-        require_enough,
-    )  # fmt: skip
+    return _Sight(aim, partial(plane_tracer, medium, wavelength, lights, views, reverse, transfer=True),
+                  events_across(medium) if drawn else events_per_path(medium),
+                  pilot_seed(medium.unitless_fingerprint()), require_enough)  # fmt: skip
 
 
 def _of_volume(

@@ -154,10 +154,8 @@ def polarised(asked: Asked, paths: int, seed: Seed, *, seen: Polariser) -> Found
         turned, batch, batches = axial.transfer, axial.batch, axial.batches
     else:
         lights, views = np.concatenate([AXIS[None], aim.light]), np.concatenate([aim.view[None], aim.views])
-        tally = pair_light(
-            slab, asked.wavelength, lights, views, asked.number, asked.x, seen, paths, seed, asked.threads,
-            reverse=aim.reversal.needed, near=asked.near,
-        )  # fmt: skip
+        tally = pair_light(slab, asked.wavelength, lights, views, asked.number, asked.x, seen, paths, seed,
+                           asked.threads, reverse=aim.reversal.needed, near=asked.near)  # fmt: skip
         sums, weights, turned, batch, batches = tally.sums, tally.weights, tally.transfer, tally.batch, len(tally.sums)
     total = weights.sum()
     if not total > 0:
@@ -200,10 +198,8 @@ def by_amplitudes(asked: Asked, paths: int, seed: Seed) -> Found:
                     np.square(np.abs(each[at_rest(y, d)])).sum() for each, y, d in zip(own, turned, shifts, strict=True)
                 )
                 weights = np.concatenate([(a.conj() * s).real for a, s in zip(own, still, strict=True)])
-                light = asked.classes(
-                    weights, np.concatenate(turned), np.concatenate(shifts) if flows else None,
-                    np.zeros(len(weights), np.int64), 1,
-                )  # fmt: skip
+                light = asked.classes(weights, np.concatenate(turned), np.concatenate(shifts) if flows else None,
+                                      np.zeros(len(weights), np.int64), 1)  # fmt: skip
             for m in np.flatnonzero(asked.number == t - 1):
                 kept = zip(still, own, turned, shifts, strict=True)
                 sums[m] = sum(np.vdot(a * asked.left(m, y, d), s) for s, a, y, d in kept)

@@ -39,8 +39,6 @@ def volume_scene(
     views = directions_of_sines(f"{owner} view + tilts", np.resize(view[:-1], 2) * [1, len(kept) > 2] + turned, side)
     views = views[:, kept]
     straight = np.eye(3)[2:, kept]
-    scene = Scene(
-        wavelength=wavelength, medium=medium, illumination=PlaneWaves(np.concatenate([straight, light])),
-        sensor=FarField(np.concatenate([view[None], views])),
-    )  # fmt: skip
+    scene = Scene(wavelength=wavelength, medium=medium, illumination=PlaneWaves(np.concatenate([straight, light])),
+                  sensor=FarField(np.concatenate([view[None], views])))  # fmt: skip
     return Aim(light, view, views, side, scene_reversal(scene, reverse, tolerance)), scene

@@ -110,10 +110,8 @@ def slab_setup(
     lights, views, matched
         Directions of travel float64[T, 3] and float64[V, 3]; as in ``Setup``.
     """
-    medium = box(
-        (-np.inf, -np.inf, 0), (np.inf, np.inf, slab.thickness), extinction=slab.extinction, albedo=slab.albedo,
-        particles=(henyey_greenstein(slab.scatterer.g, 3),),
-    )  # fmt: skip
+    medium = box((-np.inf, -np.inf, 0), (np.inf, np.inf, slab.thickness), extinction=slab.extinction,
+                 albedo=slab.albedo, particles=(henyey_greenstein(slab.scatterer.g, 3),))  # fmt: skip
     half = width / 2 + slab.thickness * float(np.abs(lights[:, :2] / lights[:, 2:]).max())
     region = np.array([-half, -half, 0]), np.array([half, half, slab.thickness])
     return Setup(medium, wavelength, Beams(lights, width), Far(views), matched, region)

@@ -40,10 +40,8 @@ def naive_field(
     """
     scene, reference, half_side = laid_out(medium, wavelength, width, tilts)
     field = np.zeros((len(tilts), len(views)), np.complex128)
-    _algorithm2(
-        scene, medium.albedo, half_side, reference, np.ascontiguousarray(tilts), np.ascontiguousarray(views),
-        paths, seed, hoisted, field,
-    )  # fmt: skip
+    _algorithm2(scene, medium.albedo, half_side, reference, np.ascontiguousarray(tilts), np.ascontiguousarray(views),
+                paths, seed, hoisted, field)  # fmt: skip
     return field / math.sqrt(paths)
 
 

@@ -28,10 +28,8 @@ def trace_blocks(
         size = min(BLOCK, first + count - start)
         room = int(capacity * size) + 1
         while True:
-            found = walk.Found(
-                np.empty((room, columns)), np.empty(room, np.int32), np.empty(room, np.int64),
-                np.zeros((room, 2), bounces), np.empty(room, np.int64),
-            )  # fmt: skip
+            found = walk.Found(np.empty((room, columns)), np.empty(room, np.int32), np.empty(room, np.int64),
+                               np.zeros((room, 2), bounces), np.empty(room, np.int64))  # fmt: skip
             types = np.zeros((room, 2), np.int32)
             jones = None
             if matrices is not None:

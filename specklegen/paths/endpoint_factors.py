@@ -80,10 +80,8 @@ def _along_legs(
         some = slice(start, start + _VIEWS_AT_ONCE)
         vectors, way = endpoints.vectors[some], ways.lights if lights else ways.views
         known = way.towards(vectors, endpoints.wavelength, lateral[some], lights=lights)
-        legs.leg_factors(
-            layout.table, known, lateral[some], bank.records, column, sign, bank.types, side, numbers,
-            endpoints.footprint, endpoints.radius, out[some],
-        )  # fmt: skip
+        legs.leg_factors(layout.table, known, lateral[some], bank.records, column, sign, bank.types, side, numbers,
+                         endpoints.footprint, endpoints.radius, out[some])  # fmt: skip
 
     map_blocks(part, range(0, len(out), _VIEWS_AT_ONCE), threads)
     return out
@@ -121,10 +119,8 @@ def single_factors(layout: Layout, bank: PathBank) -> np.ndarray:
         (before, behind), kind = (bank.bounces[0], int(bank.types[0, 0])) if len(bank) else ((0, 0), 0)
         passed = layout.polarised.single(-lights.vectors, views.vectors, (int(before), int(behind)), kind)
     seen = views.vectors * np.array([1.0, 1.0, -1.0]) if turned.any() else views.vectors
-    kernels.single_factors(
-        layout.table, bank.records, bank.types, lights.near, np.ascontiguousarray(lights.vectors),
-        views.near, np.ascontiguousarray(seen), out,
-    )  # fmt: skip
+    kernels.single_factors(layout.table, bank.records, bank.types, lights.near, np.ascontiguousarray(lights.vectors),
+                           views.near, np.ascontiguousarray(seen), out)  # fmt: skip
     return out if passed is None else out * passed[..., None]
 
 
@@ -138,10 +134,8 @@ def _single_along_legs(layout: Layout, ways: Ways, bank: PathBank) -> np.ndarray
         like = np.flatnonzero(which == n)
         factors = np.empty((len(lights), len(views), 1), np.complex128)
         alike = bank.select(like[:1])
-        kernels.single_factors(
-            layout.table, alike.records, alike.types, 0, np.ascontiguousarray(lights[:, one, :3]), 0,
-            np.ascontiguousarray(views[:, other, :3]), factors,
-        )  # fmt: skip
+        kernels.single_factors(layout.table, alike.records, alike.types, 0, np.ascontiguousarray(lights[:, one, :3]), 0,
+                               np.ascontiguousarray(views[:, other, :3]), factors)  # fmt: skip
         out[..., like] = factors
     return out
 

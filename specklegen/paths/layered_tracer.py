@@ -32,11 +32,9 @@ def trace_layers(
     """Trace paths ``first`` ... ``first + count - 1`` as a proposal says (`specklegen.paths.slab_tracer`)."""
     particles, light = materials(medium), -proposal.reference[None]
     kinds = np.full(1 + len(proposal.probes), volume_walk.FAR, np.int64)
-    return traced(
-        volume_of(medium, 3), phase_table(particles, 3), common_lobe(particles, 3),
-        beam_sources(medium, proposal.reference, proposal.footprint, proposal.extent),
-        Probes(kinds[:1], light, kinds[1:], proposal.probes),
-        Rules(int(proposal.bidirectional), proposal.threshold, proposal.max_order),
-        seed, count, first=first, sample=sample, stream=stream, threads=threads, capacity=_CAPACITY,
-        transfer=proposal.transfer, matrices=type_matrices(medium),
-    )  # fmt: skip
+    return traced(volume_of(medium, 3), phase_table(particles, 3), common_lobe(particles, 3),
+                  beam_sources(medium, proposal.reference, proposal.footprint, proposal.extent),
+                  Probes(kinds[:1], light, kinds[1:], proposal.probes),
+                  Rules(int(proposal.bidirectional), proposal.threshold, proposal.max_order), seed, count, first=first,
+                  sample=sample, stream=stream, threads=threads, capacity=_CAPACITY, transfer=proposal.transfer,
+                  matrices=type_matrices(medium))  # fmt: skip

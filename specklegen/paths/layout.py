@@ -69,10 +69,8 @@ class Layout:
 
     def tilting(self, other: "Layout") -> Self:
         """The same with only the phases of another layout's lights and views."""
-        return replace(
-            self, lights=replace(self.lights, tilted=other.lights.vectors),
-            views=replace(self.views, tilted=other.views.vectors),
-        )  # fmt: skip
+        return replace(self, lights=replace(self.lights, tilted=other.lights.vectors),
+                       views=replace(self.views, tilted=other.views.vectors))  # fmt: skip
 
     def probed(self) -> Self:
         """The same with only a few of the lights and views, which keep their beam profile."""

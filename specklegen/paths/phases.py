@@ -26,10 +26,8 @@ def random_phases(
     below = _IMAGE if bank.bounces.dtype == np.int8 else _LEG
     orders = bank.orders + (bank.bounces[:, 1].astype(np.int32) << below)
     orders = -orders if backwards else orders
-    map_blocks(
-        lambda part: sums.random_phases(*key, sample, orders[part], bank.paths[part], z[part]),
-        slices(len(bank), _BLOCK), threads,
-    )  # fmt: skip
+    map_blocks(lambda part: sums.random_phases(*key, sample, orders[part], bank.paths[part], z[part]),
+               slices(len(bank), _BLOCK), threads)  # fmt: skip
     return z
 
 

@@ -238,13 +238,10 @@ class Rays:
         index = scene.medium.faces.inside / scene.medium.faces.outside
         inside, outside = np.sqrt(1 - sines**2), np.sqrt(np.maximum(1 - np.square(index * sines), 1e-12))
         focus, fine = index * lens.camera.focus, Lens(scene, lens.camera, lens.camera.pupil_grid(_FINE))
-        return cls(
-            np.stack([sines / inside, focus * sines / outside], -1),
-            np.stack([inside**-3, focus * outside**-3], -1),
-            views.vectors[:, :2] / sines[:, None],
-            sines, views.share, fine.grain_area,
-            float(views.power.sum() / views.share / np.sqrt(views.power).sum() ** 2),
-        )  # fmt: skip
+        return cls(np.stack([sines / inside, focus * sines / outside], -1),
+                   np.stack([inside**-3, focus * outside**-3], -1), views.vectors[:, :2] / sines[:, None], sines,
+                   views.share, fine.grain_area,
+                   float(views.power.sum() / views.share / np.sqrt(views.power).sum() ** 2))  # fmt: skip
 
     def reach(self, gap: np.ndarray) -> np.ndarray:
         """float64[V, M], how far along themselves rays come from last particles so far below the face."""

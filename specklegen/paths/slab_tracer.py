@@ -164,7 +164,5 @@ class SlabTracer:
         threads: Threads = None,
     ) -> PathBank:  # fmt: skip
         """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``; see :func:`trace`."""
-        return trace(
-            self.medium, self.proposal, seed, count, first=first, sample=sample, stream=stream, threads=threads,
-            ways=self.layout.ways,
-        )  # fmt: skip
+        return trace(self.medium, self.proposal, seed, count, first=first, sample=sample, stream=stream,
+                     threads=threads, ways=self.layout.ways)  # fmt: skip

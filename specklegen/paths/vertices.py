@@ -149,10 +149,8 @@ def _thinned(walk: _Walk, level: float, rng: np.random.Generator, part: int) -> 
     at = np.repeat(chosen, orders) - back
     behind = np.where(back[:, None] > 0, walk.before[np.minimum(at + 1, len(walk.before) - 1)], [0.0, 0.0, -1.0])
     leaves = np.repeat(walk.point[chosen, :2], orders, axis=0)
-    return VertexPaths(
-        np.maximum(walk.weight[chosen], level), path, walk.point[at, :2] - leaves, walk.point[at, 2],
-        walk.before[at] - behind, np.full(len(chosen), part),
-    )  # fmt: skip
+    return VertexPaths(np.maximum(walk.weight[chosen], level), path, walk.point[at, :2] - leaves, walk.point[at, 2],
+                       walk.before[at] - behind, np.full(len(chosen), part))  # fmt: skip
 
 
 def _joined(parts: list[VertexPaths], length: float) -> VertexPaths:

@@ -61,12 +61,10 @@ class VolumeTracer:
     ) -> PathBank:  # fmt: skip
         """Trace paths ``first`` ... ``first + count - 1`` of realization ``sample``; a pure function of these."""
         probed = Probes(*probes(self.layout.lights), *probes(self.layout.views))
-        return traced(
-            self.layout.volume, self.layout.table, self.lobe, self.sources, probed,
-            walk.Rules(int(self.bidirectional), self.threshold, self.max_order),
-            seed, count, first=first, sample=sample, stream=stream, threads=threads, capacity=self.capacity,
-            transfer=self.transfer,
-        )  # fmt: skip
+        return traced(self.layout.volume, self.layout.table, self.lobe, self.sources, probed,
+                      walk.Rules(int(self.bidirectional), self.threshold, self.max_order), seed, count, first=first,
+                      sample=sample, stream=stream, threads=threads, capacity=self.capacity,
+                      transfer=self.transfer)  # fmt: skip
 
 
 def traced(
@@ -83,10 +81,8 @@ def traced(
         volume = volume._replace(mobility=np.zeros(len(volume.extinction)))
 
     def run(part: tuple[int, int], found: walk.Found, types: np.ndarray, jones: Jones | None):
-        return volume_walk.trace_volume(
-            where, part, volume, table, lobe is not None, lobe or closed_lobe(0.0), sources, probed, rules, found,
-            types, jones,
-        )  # fmt: skip
+        return volume_walk.trace_volume(where, part, volume, table, lobe is not None, lobe or closed_lobe(0.0), sources,
+                                        probed, rules, found, types, jones)  # fmt: skip
 
     columns = columns_of(transfer, collects_flow(volume))
     return trace_blocks(run, first, count, capacity=capacity, columns=columns, threads=threads, matrices=matrices)

@@ -60,14 +60,10 @@ def volume_of(medium: Medium, dimension: int) -> Volume:
     material = np.broadcast_to(medium.material, extinction.shape).ravel().astype(np.int64)
     flow = flow_rows(medium.motions, dimension)
     cells = np.array([counts, majorant.shape[::-1], (dimension, block, 0)], GRID)
-    return Volume(
-        bounds, cells, extinction.ravel(),
-        np.broadcast_to(medium.albedo, extinction.shape).ravel().copy(),
-        material, majorant.ravel(),
-        np.where(counts > 1, counts / (bounds[1] - bounds[0]), 0.0),
-        speeds(medium)[material] if fastest(medium.motions) else np.empty(0),
-        flow[material] if len(flow) else flow,
-    )  # fmt: skip
+    return Volume(bounds, cells, extinction.ravel(), np.broadcast_to(medium.albedo, extinction.shape).ravel().copy(),
+                  material, majorant.ravel(), np.where(counts > 1, counts / (bounds[1] - bounds[0]), 0.0),
+                  speeds(medium)[material] if fastest(medium.motions) else np.empty(0),
+                  flow[material] if len(flow) else flow)  # fmt: skip
 
 
 def speeds(medium: Medium, layers: Sequence[Layer] | None = None) -> np.ndarray:

@@ -281,11 +281,9 @@ def _planned_focus(scene: Scene, budget: Budget, options: Options) -> Plan:
     operations = dict(beam_plan.operations)
     sums = 8.0 * len(scene.illumination.vectors) * beams * np.prod(lit.sensor.shape, dtype=float)
     operations["flop"] = operations.get("flop", 0.0) + sums
-    return replace(
-        beam_plan, scene=scene, pixel=moments, decisions=(focused, *lobes, *((rare,) if rare else ()), *kept),
-        operations=operations,
-        seconds=seconds(operations, thread_count(budget.threads)),
-    )  # fmt: skip
+    return replace(beam_plan, scene=scene, pixel=moments,
+                   decisions=(focused, *lobes, *((rare,) if rare else ()), *kept), operations=operations,
+                   seconds=seconds(operations, thread_count(budget.threads)))  # fmt: skip
 
 
 def _planned_image(scene: Scene, budget: Budget, options: Options) -> Plan:
@@ -330,11 +328,9 @@ def _planned_image(scene: Scene, budget: Budget, options: Options) -> Plan:
         "lens", True, f"{views}x{views} directions around sines up to {lens.camera.aperture:.3g}; its plane, "
         f"{lens.camera.focus:.4g} behind the face, is lit over {lit.extent:.4g} and repeats after {lens.period:.4g}",
     )  # fmt: skip
-    return replace(
-        pupil_plan, scene=scene, lens=lens, pixel=pixel,
-        decisions=(*exposed, seen, *(d for d in (few, rare) if d), *kept),
-        operations=operations, seconds=seconds(operations, thread_count(budget.threads)), memory_bytes=memory,
-    )  # fmt: skip
+    return replace(pupil_plan, scene=scene, lens=lens, pixel=pixel,
+                   decisions=(*exposed, seen, *(d for d in (few, rare) if d), *kept), operations=operations,
+                   seconds=seconds(operations, thread_count(budget.threads)), memory_bytes=memory)  # fmt: skip
 
 
 def _with_sub_frames(scene: Scene, tolerance: float) -> tuple[Scene, list[Decision]]:

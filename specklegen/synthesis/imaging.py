@@ -260,11 +260,9 @@ class Imaging:
         points = self.spectra_bytes * frames > _MOST_BYTES or by_pairs > by_points
         least = by_points if points else by_pairs
         rows, columns = self.lags
-        require_time(
-            "object_imaging", seconds({"image": frames * least}, 1),
-            f"an image of {lit} bright pixels by {self.rank} modes on {columns} x {rows} points",
-            "Use a narrower window, a smaller camera, or an object of fewer pixels.",
-        )  # fmt: skip
+        require_time("object_imaging", seconds({"image": frames * least}, 1),
+                     f"an image of {lit} bright pixels by {self.rank} modes on {columns} x {rows} points",
+                     "Use a narrower window, a smaller camera, or an object of fewer pixels.")  # fmt: skip
         return points
 
     def nodes(self, light: torch.Tensor, frames: int, draws: int) -> list[Nodes] | None:
@@ -663,11 +661,9 @@ def _require_time(sight: Sight, light: LightBatch | None) -> None:
     if not one_by_one(sight.device):
         return
     rows, columns = sight.shape
-    require_time(
-        "object_imaging", seconds(mode_operations(sight, 1 if light is None else light.shares.shape[1]), 1),
-        f"the modes of {columns} x {rows} pixels behind {counted(len(sight), 'medium')}",
-        "Use an object of fewer pixels.",
-    )  # fmt: skip
+    require_time("object_imaging", seconds(mode_operations(sight, 1 if light is None else light.shares.shape[1]), 1),
+                 f"the modes of {columns} x {rows} pixels behind {counted(len(sight), 'medium')}",
+                 "Use an object of fewer pixels.")  # fmt: skip
 
 
 def mode_operations(sight: Sight, lights: int) -> dict[str, float]:

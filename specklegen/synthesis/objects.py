@@ -40,11 +40,9 @@ def object_sight(
     base: ArrayLike = ((0.0, 0.0),), pixel_integration: bool = False,
 ) -> Sight:  # fmt: skip
     """How an object of (h, w) pixels is seen by a camera through one medium; see :func:`object_imaging`."""
-    return Sight(
-        wavelength=wavelength, profile=profile, shape=shape, camera=grid.shape, center=grid.center,
-        integrated=pixel_integration, width=_host(width), object_pitch=_host(pitch), camera_pitch=_host(grid.pitch),
-        base=_host(np.atleast_2d(np.asarray(base, np.float64))),
-    )  # fmt: skip
+    return Sight(wavelength=wavelength, profile=profile, shape=shape, camera=grid.shape, center=grid.center,
+                 integrated=pixel_integration, width=_host(width), object_pitch=_host(pitch),
+                 camera_pitch=_host(grid.pitch), base=_host(np.atleast_2d(np.asarray(base, np.float64))))  # fmt: skip
 
 
 def expected_image(
@@ -111,10 +109,8 @@ def object_imaging(
     if light is not None:
         known = LightBatch(one(light.shares), tuple(Tabulated([k]) for k in light.correlations), one(light.flat))
     with one_torch_thread():
-        ((_, imaging),) = imagings(
-            sight, Tabulated([correlation]), known, tolerance=tolerance,
-            precise=dtype in (torch.complex128, torch.float64),
-        )  # fmt: skip
+        ((_, imaging),) = imagings(sight, Tabulated([correlation]), known, tolerance=tolerance,
+                                   precise=dtype in (torch.complex128, torch.float64))  # fmt: skip
     return imaging
 
 

@@ -14,10 +14,8 @@ class Perceptron(
     def __init__(self, side: int, shape: tuple[int, int] = (1, 4), width: int = 8) -> None:
         super().__init__()
         self.shape, units = shape, 16 * width
-        self.layers = nn.Sequential(
-            nn.Linear(side, units), nn.SiLU(), nn.Linear(units, units), nn.SiLU(),
-            nn.Linear(units, shape[0] * shape[1]),
-        )  # fmt: skip
+        self.layers = nn.Sequential(nn.Linear(side, units), nn.SiLU(), nn.Linear(units, units), nn.SiLU(),
+                                    nn.Linear(units, shape[0] * shape[1]))  # fmt: skip
 
     def forward(self, features: Tensor) -> Tensor:
         """Return float[B, h, w] of features float[B, ``side``]."""

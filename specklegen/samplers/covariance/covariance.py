@@ -288,10 +288,8 @@ def _blocks(
         part = slice(start, min(start + rows, t * v))
         entries = some_rows(part, t * v)
         with shielded():
-            estimate, powers = _estimate(
-                tracer, tracer.layout, budget.paths, budget.seed, reverse=bool(budget.reverse), entries=entries,
-                threads=budget.threads,
-            )  # fmt: skip
+            estimate, powers = _estimate(tracer, tracer.layout, budget.paths, budget.seed, reverse=bool(budget.reverse),
+                                         entries=entries, threads=budget.threads)  # fmt: skip
         if start == 0:
             _warn("covariance_blocks", variances, powers)
         yield part, estimate.reshaped((part.stop - part.start, t, v))
@@ -340,7 +338,5 @@ def _checked_pairs(pairs: ArrayLike, t: int, v: int) -> np.ndarray:
 
 
 def _require_memory(t: int, v: int, rows: int) -> None:
-    require_memory(
-        "covariance", "held", rows * t * v * (16 * 6 + 8 * 3), f"{rows} rows of {t} lights x {v} views",
-        "Choose entries with pairs=, or stream rows with covariance_blocks.",
-    )  # fmt: skip
+    require_memory("covariance", "held", rows * t * v * (16 * 6 + 8 * 3), f"{rows} rows of {t} lights x {v} views",
+                   "Choose entries with pairs=, or stream rows with covariance_blocks.")  # fmt: skip

@@ -124,10 +124,8 @@ class EigenRenderer:
         scene = self.sampler.scene
         if not scene.illumination.coherent:
             scene = scene.replace(illumination=scene.beams)
-        return covariance(
-            scene, paths=self.sampler.paths, seed=self.seed, reverse=self.sampler.reverse, orders="all",
-            threads=self.threads,
-        )  # fmt: skip
+        return covariance(scene, paths=self.sampler.paths, seed=self.seed, reverse=self.sampler.reverse, orders="all",
+                          threads=self.threads)  # fmt: skip
 
     def media(self, count: int) -> Iterator[Realization]:
         """Drawn from the eigenvectors."""

@@ -270,10 +270,8 @@ def _load(layout: Layout, light: _Light, tile: Tile, summation: NufftPlan, threa
 
     def fill(part: slice) -> None:
         some, common = bank.select(part), np.empty(part.stop - part.start, np.complex128)
-        sums.grid_points(
-            seen_exits(layout, some, tile.middle), pitch / layout.wavelength, slope_x, slope_y, offset,
-            points[0, part], points[1, part], common,
-        )  # fmt: skip
+        sums.grid_points(seen_exits(layout, some, tile.middle), pitch / layout.wavelength, slope_x, slope_y, offset,
+                         points[0, part], points[1, part], common)  # fmt: skip
         sensor[:, part] = factor_values(layout, some, tile, steps)
         sensor[:, part] *= common
 
@@ -323,11 +321,9 @@ def _transform(load: _Load, ranks: slice, tilts: slice, summation: NufftPlan) ->
     dtype, shape, tolerance = np.dtype(summation.dtype), summation.tiling.shape, 0.3 * summation.tolerance
     strengths = load.light.strengths[tilts]
     # Kernel and upsampling are those that finufft 2.5 chooses by itself: another choice differs by the tolerance.
-    plan = finufft.Plan(
-        1, shape, n_trans=len(strengths), eps=tolerance, isign=-1, dtype=dtype.name, nthreads=1,
-        spread_sort=int(np.prod(shape) * dtype.itemsize > _SORT_FROM), spread_kerformula=_KERNEL,
-        upsampfac=2.0 if tolerance <= _FINE_GRID_BELOW else 1.25,
-    )  # fmt: skip
+    plan = finufft.Plan(1, shape, n_trans=len(strengths), eps=tolerance, isign=-1, dtype=dtype.name, nthreads=1,
+                        spread_sort=int(np.prod(shape) * dtype.itemsize > _SORT_FROM), spread_kerformula=_KERNEL,
+                        upsampfac=2.0 if tolerance <= _FINE_GRID_BELOW else 1.25)  # fmt: skip
     plan.setpts(*load.points)
     total = np.zeros((len(strengths), *shape), dtype)
     for r in range(ranks.start, ranks.stop):

@@ -181,10 +181,8 @@ def error_of_single(layout: Layout, factor: ViewFactor, tiling: Tiling, bank: Pa
 
 def _depths(layout: Layout) -> PathBank:
     """Single scattering at depths spread over a slab."""
-    bank = PathBank(
-        np.zeros((_DEPTHS, walk.RECORD)), np.ones(_DEPTHS, np.int32), np.arange(_DEPTHS),
-        np.zeros((_DEPTHS, 2), np.int32), np.zeros((_DEPTHS, 2), np.int8), _DEPTHS,
-    )  # fmt: skip
+    bank = PathBank(np.zeros((_DEPTHS, walk.RECORD)), np.ones(_DEPTHS, np.int32), np.arange(_DEPTHS),
+                    np.zeros((_DEPTHS, 2), np.int32), np.zeros((_DEPTHS, 2), np.int8), _DEPTHS)  # fmt: skip
     thickness = layout.volume.bounds[1, 2]
     bank.exit[:, 2] = thickness * (np.arange(_DEPTHS) + 0.5) / _DEPTHS
     if not layout.faces.matched:  # one in eight seen after one reflection

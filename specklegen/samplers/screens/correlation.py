@@ -86,11 +86,9 @@ def screen_correlation(stack: ScreenStack, wavelength: float) -> ScreenCorrelati
     rest = float(weight[~walking].sum())
     variance, weight = gathered(variance[walking], weight[walking], _WIDTH)
     total = rest + weight.sum()
-    return ScreenCorrelation(
-        radius=np.append(0.0, np.sqrt(2 * variance)), weights=np.append(rest, weight)[None], paths=1,
-        single_share=float(rest / total) if total else 1.0, source="closed form", stated_error=GATHERED_ERROR,
-        stack=stack, wavelength=wavelength,
-    )  # fmt: skip
+    return ScreenCorrelation(radius=np.append(0.0, np.sqrt(2 * variance)), weights=np.append(rest, weight)[None],
+                             paths=1, single_share=float(rest / total) if total else 1.0, source="closed form",
+                             stated_error=GATHERED_ERROR, stack=stack, wavelength=wavelength)  # fmt: skip
 
 
 def drifts(stack: ScreenStack, wavelength: float, moved: np.ndarray) -> np.ndarray:

@@ -182,10 +182,8 @@ class Stationary(MediaSampler, name="stationary"):
         """Make ready to draw; what all seeds share is found at the first draw of any."""
         from specklegen.samplers.stationary.renderer import Prepared, stationary_renderer
 
-        prepared = Prepared(
-            self.scene, self.paths, self.form, self.tabulated is not None, self.complete, self.streamed, self.envelope,
-            self.maps, threads,
-        )  # fmt: skip
+        prepared = Prepared(self.scene, self.paths, self.form, self.tabulated is not None, self.complete, self.streamed,
+                            self.envelope, self.maps, threads)  # fmt: skip
         return stationary_renderer(prepared, seed)
 
 

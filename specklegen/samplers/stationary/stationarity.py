@@ -162,10 +162,8 @@ def pilot_error(
     # Beyond the tilts that leave slants and depths as they are, neither the model nor what judges it is better known.
     reaches = np.hypot(*tilts.T)[like_lobes]
     unknown = np.square(reaches[np.square(reaches) > SLANT]).max(initial=0.0)
-    return StationaryError(
-        max(float(abs(value[worst])), float(unknown)), float(error[worst]),
-        float(abs(value[brightest])), float(error[brightest]),
-    )  # fmt: skip
+    return StationaryError(max(float(abs(value[worst])), float(unknown)), float(error[worst]),
+                           float(abs(value[brightest])), float(error[brightest]))  # fmt: skip
 
 
 def pilot_envelope(scene: Scene, tracer: SlabTracer, *, oblique: bool = False) -> Envelope | None:
