@@ -5,23 +5,18 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.wavetracing import Building, Geometry, Mesh, Plane, Transmitter
-from specklegen.wavetracing.tracing import Diffraction
 
 CONCRETE = Building(name="concrete")
 
 
 class Place(NamedTuple):
-    """A scene, its antenna, its map, the outlines drawn over it, boxes that are solid, and the theory of its edges.
-
-    UTD where edges are longer than their Fresnel zones; patterns where they are short, as those of stairs.
-    """
+    """A scene, its antenna, its map, the outlines drawn over it, and boxes that are solid."""
 
     scene: Geometry
     antenna: Transmitter
     plane: Plane
     outlines: list[np.ndarray]
     solids: list
-    diffraction: Diffraction
 
     @property
     def air(self) -> np.ndarray:
@@ -65,8 +60,7 @@ def street_canyon() -> Place:
                   Building(name="concrete"))  # fmt: skip
     scene = Geometry([ground, *(box(a, b) for a, b in blocks)])
     plane = Plane(center=[0, 0, 1.5], shape=(25, 30), pitch=3.3)
-    return Place(scene, Transmitter([-38, 0, 4.0], beam_angle=0.05), plane, [outline(a, b) for a, b in blocks], blocks,
-                 "utd")  # fmt: skip
+    return Place(scene, Transmitter([-38, 0, 4.0], beam_angle=0.05), plane, [outline(a, b) for a, b in blocks], blocks)
 
 
 def forty_blocks(seed: int = 1) -> Place:
@@ -79,7 +73,7 @@ def forty_blocks(seed: int = 1) -> Place:
     scene = Geometry([ground, *(box(a, b) for a, b in blocks)])
     plane = Plane(center=[0, 0, 1.5], shape=(36, 68), pitch=6.0)
     antenna = Transmitter([-40, -27, 8.0], beam_angle=0.05)
-    return Place(scene, antenna, plane, [outline(a, b) for a, b in blocks], blocks, "utd")
+    return Place(scene, antenna, plane, [outline(a, b) for a, b in blocks], blocks)
 
 
 def stairwell() -> Place:
@@ -98,7 +92,7 @@ def stairwell() -> Place:
     scene = Geometry([box(a, b) for a, b in solids])
     plane = Plane(center=[4, 0.7, 4.5], normal=[0, 1.0, 0], up=[0, 0, 1.0], shape=(22, 20), pitch=0.4)
     drawn = [outline(a, b, (0, 2)) for a, b in (*parts[:4], *landings, *steps[:10])]
-    return Place(scene, Transmitter([7.2, 1.5, 1.5], beam_angle=0.12), plane, drawn, solids, "fraunhofer")
+    return Place(scene, Transmitter([7.2, 1.5, 1.5], beam_angle=0.12), plane, drawn, solids)
 
 
 def two_rooms() -> Place:
@@ -112,7 +106,7 @@ def two_rooms() -> Place:
     plane = Plane(center=[0, 0, 1.2], shape=(24, 40), pitch=0.25)
     drawn = [np.array(part, float) for part in (*outer, *inner)]
     antenna = Transmitter([-3.5, -2, 1.8], beam_angle=0.12)
-    return Place(Geometry([*walls, *floors]), antenna, plane, drawn, [], "fraunhofer")
+    return Place(Geometry([*walls, *floors]), antenna, plane, drawn, [])
 
 
 PLACES = {"street canyon": street_canyon, "stairwell": stairwell, "two rooms": two_rooms}

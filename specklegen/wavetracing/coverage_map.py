@@ -1,30 +1,37 @@
 """Radio coverage: received power over a map, in dB over 1 mW.
 
-A beam of power w that crosses a cell of area A at the angle theta adds w / (A |cos theta|) to the power flux E there;
-an antenna of gain G_r then receives P = E wavelength^2 G_r / 4 pi. Lengths in metres, frequencies in hertz, power in
-watts. In free space this is Friis' formula, (wavelength / 4 pi R)^2 G_t G_r.
+The power flux E in a cell is the mean of |u|^2 over it, of the fields of all paths (`coherent_rays`). The cell is
+divided into parts with a point each. At each point all paths are found, and within its part each counts as a plane wave
+of the direction and amplitude that it has there, so that fringes are averaged in closed form. The standard error is
+that of the mean over the parts. An antenna of gain G_r receives
+P = E wavelength^2 G_r / 4 pi. Lengths in metres, frequencies in hertz, power in watts. In free space this is Friis'
+formula, (wavelength / 4 pi R)^2 G_t G_r.
+
+Method "ray" traces beams without diffraction instead: one of power w that crosses a cell of area A at the angle theta
+adds w / (A |cos theta|). It knows diffuse surfaces, and any number of mirrors.
 
 Source: S. Steinberg, M. Pharr, *Wave Tracing*, section on coverage; H. T. Friis, Proc. IRE 34, 254 (1946).
 """
 
 from dataclasses import dataclass
+from math import isqrt
 from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from specklegen.core.arguments import choice, instance, positive_number
+from specklegen.core.arguments import choice, instance, positive_number, whole_number
 from specklegen.core.display.plot import Pictured, draw_map
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads
-from specklegen.core.random_streams import Seed
+from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.core.values import Array, Positive, Value
-from specklegen.wavetracing.coherent_ray_sums import coherent_rays
+from specklegen.wavetracing.coherent_ray_sums import PathSearch
 from specklegen.wavetracing.emitters import PointEmitter
 from specklegen.wavetracing.geometry import Geometry
-from specklegen.wavetracing.materials import DIFFUSE, LIGHT_SPEED, WALL
+from specklegen.wavetracing.materials import LIGHT_SPEED, Diffuse
 from specklegen.wavetracing.plane import Plane
-from specklegen.wavetracing.tracing import Diffraction, trace
+from specklegen.wavetracing.tracing import trace
 from specklegen.wavetracing.wave_trace import Ledger, Statistics
 
 
@@ -68,11 +75,11 @@ class Coverage(Pictured):
     Attributes
     ----------
     rss_dBm : masked float64[h, w]
-        dB over 1 mW; -inf and masked where no beam came by.
+        dB over 1 mW; -inf and masked where no path or beam comes by.
     error : masked float64[h, w]
-        Standard error in dB, to first order; masked alike.
+        Standard error in dB, to first order; masked alike. 0 for "phase".
     ledger, statistics
-        Of the trace; None for "phase", which traces no beams.
+        Of method "ray"; None for others, which trace no beams.
 
     Examples
     --------
@@ -105,10 +112,13 @@ def coverage(
     method: Literal["wave", "ray", "phase"] = "wave",
     *,
     gain: float = 1.0,
+    reflections: int = 1,
+    diffractions: int = 2,
+    floor_db: float = 60.0,
+    samples: int = 4,
     beams: int = 200_000,
-    seed: Seed = 0,
     max_events: int = 16,
-    diffraction: Diffraction = "fraunhofer",
+    seed: Seed = 0,
     threads: Threads = None,
 ) -> Coverage:
     """Map the power that an antenna would receive.
@@ -120,23 +130,25 @@ def coverage(
     transmitter
         Where the waves come from.
     plane
-        The map: one value a pixel, the mean over it; for "phase" at its middle.
+        The map: one value a cell.
     frequency
         Hertz.
     method
-        "wave" (with diffraction), "ray", or "phase": all paths of one reflection and two edges at most, with their
-        phases, without chance (`coherent_rays`; mean power of TE and TM, surfaces by their material).
+        "wave": mean over each cell of the power of all paths by mirrors and edges, of TE and TM; "phase": the same at
+        the middles of the cells alone; "ray": beams without diffraction.
     gain
         G_r of the receiving antenna, as a factor.
+    reflections, diffractions, floor_db
+        Limits of the paths of "wave" and "phase", as of `coherent_rays`.
+    samples
+        Points in each cell of "wave"; errors fall with the root of their number and faster. Parts of a cell are
+        squares where this is a square number.
     beams
-        Of "wave" and "ray": how many leave the transmitter; errors fall with the root of their number.
-    seed
-        Of these, a whole number or a sequence of them. Beam n is the same for any number of beams and threads.
+        Of "ray": how many leave the transmitter. Beam n is the same for any number of beams and threads.
     max_events
-        Interactions after which a beam is stopped, and counted as such.
-    diffraction
-        Of "wave" alone. "fraunhofer": directions from the far-field pattern of each region. "utd": rays from edges by
-        the uniform theory; noise may leave cells below 0, which are masked.
+        Of "ray": interactions after which a beam is stopped, and counted as such.
+    seed
+        Of points and beams, a whole number or a sequence of them.
     threads
         Threads, by default all cores that the process may run on; the result does not depend on them.
 
@@ -145,7 +157,8 @@ def coverage(
     RuleError
         For an argument out of range, or the middle of a cell within wavelength / 2 pi of the transmitter.
 
-    A `DoubtWarning` says where "phase" leaves out light through walls or from diffuse surfaces.
+    A `DoubtWarning` says where paths leave out light from diffuse surfaces, where corners matter, and where edges are
+    too near.
 
     Examples
     --------
@@ -157,8 +170,8 @@ def coverage(
     """
     frequency = positive_number("coverage frequency", frequency)
     gain = positive_number("coverage gain", gain)
+    samples = whole_number("coverage samples", samples, 2, 4096)
     choice("coverage method", method, ("wave", "ray", "phase"))
-    choice("coverage diffraction", diffraction, ("fraunhofer", "utd"))
     instance("coverage transmitter", transmitter, Transmitter)
     instance("coverage plane", plane, Plane)
     wavelength = LIGHT_SPEED / frequency
@@ -169,32 +182,37 @@ def coverage(
             nearest, "Nearer by an antenna receives no wave: Friis' formula would give more power than is sent.",
         )  # fmt: skip
     source = PointEmitter(transmitter.position, wavelength, transmitter.power, transmitter.beam_angle)
+    if method == "ray":
+        traced = trace(geometry, source, plane, beams, seed, "ray", max_events=max_events, threads=threads)
+        return _coverage(traced.fluence[0], traced.fluence_error[0], wavelength, gain, traced.ledger, traced.statistics)
+    search = PathSearch("coverage", geometry, source, reflections, diffractions, "material", floor_db)
+    if any(isinstance(mesh.material, Diffuse) for mesh in geometry.meshes):
+        warn_user(f'coverage: method "{method}" has no light of diffuse surfaces; use "ray" for it')
     if method == "phase":
-        kinds = {int(mesh.material.row(wavelength)[0]) for mesh in geometry.meshes}
-        if kinds & {WALL, DIFFUSE}:
-            warn_user(
-                'coverage: method "phase" has no light through walls and none of diffuse surfaces; use "wave" for it',
-            )
-        points = plane.points.copy()  # kernels are compiled for arrays that may be written into
-        both = [
-            coherent_rays(geometry, source, points, polarisation=name, surfaces="material") for name in ("soft", "hard")
-        ]
-        power = received_power(np.mean(np.square(np.abs(both)), axis=0), wavelength, gain)
-        none = power == 0
-        return Coverage(
-            np.ma.array(decibel_milliwatt(power), mask=none), np.ma.array(np.zeros_like(power), mask=none), None, None
-        )
-    bent: Diffraction = diffraction if method == "wave" else "fraunhofer"
-    traced = trace(geometry, source, plane, beams, seed, method, bent, max_events=max_events, threads=threads)
-    power = received_power(np.maximum(traced.fluence[0], 0.0), wavelength, gain)
-    none = power == 0
-    relative = np.divide(traced.fluence_error[0], traced.fluence[0], out=np.zeros_like(power), where=~none)
+        flux = np.square(np.abs(search.found(plane.points.reshape(-1, 3).copy(), threads)[0]))
+        return _coverage(flux.mean(axis=1).reshape(plane.shape), np.zeros(plane.shape), wavelength, gain)
+    # Each cell is divided into rows and columns of parts, with a point at random in each.
+    rows = max(n for n in range(1, isqrt(samples) + 1) if samples % n == 0)
+    columns, middles = samples // rows, plane.points.reshape(-1, 3)
+    half = plane.axes[:2] * plane.pitch / 2 / np.array([[columns], [rows]])
+    column, row = np.arange(samples) % columns, np.arange(samples) // columns
+    steps = np.stack([2 * column + 1 - columns, 2 * row + 1 - rows], axis=1)
+    parts = (middles + (steps @ half)[:, None]).reshape(-1, 3)
+    aside = np.random.Generator(np.random.Philox(key=stream_key(seed, Stream.BEAMS))).uniform(-1, 1, (len(parts), 2))
+    flux = search.found(parts + aside @ half, threads, parts, half)[1].mean(axis=1).reshape(samples, -1)
+    error = flux.std(axis=0, ddof=1) / np.sqrt(samples)
+    return _coverage(flux.mean(axis=0).reshape(plane.shape), error.reshape(plane.shape), wavelength, gain)
+
+
+def _coverage(flux, error, wavelength: float, gain: float, ledger=None, statistics=None) -> Coverage:
+    """Return a map of power fluxes float64[h, w] and their errors."""
+    power = received_power(flux, wavelength, gain)
+    none = power <= 0
+    relative = np.divide(error, flux, out=np.zeros_like(power), where=~none)
     return Coverage(
-        rss_dBm=np.ma.array(decibel_milliwatt(power), mask=none),
-        error=np.ma.array(10 / np.log(10) * relative, mask=none),
-        ledger=traced.ledger,
-        statistics=traced.statistics,
-    )
+        np.ma.array(decibel_milliwatt(power), mask=none), np.ma.array(10 / np.log(10) * relative, mask=none),
+        ledger, statistics,
+    )  # fmt: skip
 
 
 def received_power(flux: np.ndarray, wavelength: float, gain: float = 1.0) -> np.ndarray:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from specklegen.wavetracing.emitters import Emitter, GaussianLaser
 from specklegen.wavetracing.geometry import Geometry
-from specklegen.wavetracing.kernels.edge_waves import EdgeTable
+from specklegen.wavetracing.kernels.edge_geometry import EdgeTable
 from specklegen.wavetracing.kernels.regions import Facets, Openings
 
 _FOUND: WeakKeyDictionary[Geometry, Facets] = WeakKeyDictionary()
@@ -41,7 +41,7 @@ def _facets_of(scene: Geometry) -> Facets:
     facets, facet = connected_components(graph, directed=False) if count else (0, np.empty(0, np.int32))
     border = np.flatnonzero((neighbour < 0) | (facet[neighbour] != facet[own]))
     border = border[np.argsort(facet[own[border]], kind="stable")]
-    edge = topology.diffracts[border]
+    edge = scene.edges.at[border] >= 0
     start, stop = faces.ravel()[border], np.roll(faces, -1, axis=1).ravel()[border]
     ends = np.concatenate([scene.vertices[start], scene.vertices[stop]], axis=1)
     of = facet[own[border]]

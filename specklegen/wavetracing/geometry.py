@@ -15,8 +15,9 @@ from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads, map_blocks, slices
 from specklegen.wavetracing.cones import Cone
-from specklegen.wavetracing.edges import Edges, Topology, edges_of, gaps, topology, weld
-from specklegen.wavetracing.intake import Intake, shared_walls, split_at_junctions, turned_faces
+from specklegen.wavetracing.contacts import Solids
+from specklegen.wavetracing.edges import FLAT, Edges, Topology, edges_of, gaps, weld
+from specklegen.wavetracing.intake import mended
 from specklegen.wavetracing.kernels import cone_bvh, ray_bvh
 from specklegen.wavetracing.meshes import Mesh
 
@@ -66,30 +67,13 @@ class Geometry:
             [mesh.faces + np.int32(start) for mesh, start in zip(self.meshes, starts, strict=False)], dtype=np.int32
         )
         mesh = np.repeat(np.arange(len(self.meshes), dtype=np.int32), [len(m.faces) for m in self.meshes])
-        self.welded = weld(self.vertices)
-        self._take_in(faces, mesh)
+        thin = np.array([getattr(m.material, "thickness", None) is not None for m in self.meshes])
+        found = mended(self.vertices, faces, mesh, weld(self.vertices), thin)
+        self.vertices, self.faces, self.welded, self.intake = found.vertices, found.faces, found.welded, found.report
+        self.number, self.mesh = found.row.astype(np.int32), mesh[found.row]
+        self._solid, self._adjacency = found.solid, found.adjacency
         self._warn_of_slivers()
-        nodes = cone_bvh.node_count(len(self.faces))
-        self.tree = cone_bvh.Tree(np.empty((nodes, 6)), np.empty(nodes, np.int32), np.empty((len(self.faces), 9)))
-        self.order = np.empty(len(self.faces), np.int32)
-        cone_bvh.build(self.vertices, self.faces, self.tree.boxes, self.tree.link, self.order)
-        cone_bvh.lay_out(self.vertices, self.faces, self.order, self.tree.corners)
-
-    def _take_in(self, faces: np.ndarray, mesh: np.ndarray) -> None:
-        """Set the faces that stand, their numbers and meshes, and the report."""
-        kept = _without_duplicates(self.welded, faces)
-        duplicates, removed = len(faces) - len(kept), 0
-        if duplicates:
-            shared = shared_walls(self.vertices, faces, mesh, self.welded)
-            removed = int(shared.sum())
-            kept = kept[~shared[kept]]
-            if duplicates > removed // 2:
-                warn_user(f"{duplicates - removed // 2} duplicate triangles were dropped")
-        pieces, row, split, searched, sides = split_at_junctions(self.vertices, faces[kept], self.welded)
-        turned, one_sided = turned_faces(self.vertices, pieces, sides)
-        self.faces = np.where(turned[:, None], pieces[:, ::-1], pieces)
-        self.number, self.mesh = kept[row].astype(np.int32), mesh[kept[row]]
-        self.intake = Intake(duplicates - removed // 2, removed, split, int(turned.sum()), one_sided, searched)
+        self.tree, self.order = cone_bvh.tree_over(self.vertices, self.faces)
 
     def __repr__(self) -> str:
         return summary(self, vertices=self.vertices, faces=self.faces, meshes=len(self.meshes))
@@ -113,30 +97,28 @@ class Geometry:
 
     @cached_property
     def topology(self) -> Topology:
-        """Which faces meet at which sides; `DoubtWarning` of crowded edges, edges of two meshes, and gaps."""
-        adjacency = topology(self.vertices, self.faces, self.welded)
-        if adjacency.crowded:
-            warn_user(
-                f"more than two faces meet at {adjacency.crowded} edges: each ends there as a boundary of its own",
-            )
-        across = self.mesh[adjacency.neighbour] != np.repeat(self.mesh, 3)
-        shared = int((across & (adjacency.neighbour >= 0)).sum()) // 2
-        if shared:
-            warn_user(
-                f"{shared} edges of two meshes coincide: they are welded, and diffract as one",
-            )
-        apart = gaps(self.vertices, self.faces, self.welded, adjacency)
+        """Which faces meet at which sides; `DoubtWarning` of gaps."""
+        apart = gaps(self.vertices, self.faces, self.welded, self._adjacency)
         if apart:
             warn_user(
                 f"{apart} boundary edges nearly coincide with another and are not welded: light leaks between them, "
                 "and both diffract; move their vertices together",
             )
-        return adjacency
+        return self._adjacency
+
+    @cached_property
+    def solids(self) -> Solids:
+        """Closed surfaces with matter inside, and materials, as kernels know them."""
+        kinds = [mesh.material for mesh in self.meshes]
+        material = np.array([kinds.index(kind) for kind in kinds], np.int32)[self.mesh[self.order]]
+        return Solids(self._solid[self.order], material, float(np.pi - FLAT))
 
     @cached_property
     def edges(self) -> Edges:
-        """Edges that diffract: boundaries, and wedges below 175 degrees; their faces are rows of ``faces``."""
-        return edges_of(self.vertices, self.faces, self.topology)
+        """Edges that diffract: wedges of air wider than 185 degrees, whose faces are rows of ``faces``."""
+        return edges_of(
+            self.vertices, self.faces, self.welded, self.order, self.topology, self.tree, self.solids
+        )  # fmt: skip
 
     def silhouettes(self, direction: np.ndarray) -> np.ndarray:
         """Numbers int64[m] of the edges that border what is seen along ``direction`` float64[3].
@@ -221,14 +203,3 @@ class Geometry:
 def _check_depths(near: float, far: float) -> None:
     if np.isnan(near) or np.isnan(far) or not -np.inf < near:
         reject("cone depths near, far", "numbers, near finite", (near, far))
-
-
-def _without_duplicates(welded: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Rows of ``faces`` of which no earlier one has the same three vertices."""
-    if not len(faces):
-        return np.empty(0, np.int64)
-    corners = np.sort(welded[faces], axis=1)
-    order = np.lexsort(corners.T)  # stable: the first of its kind stays
-    same = np.zeros(len(faces), bool)
-    same[order[1:]] = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
-    return np.flatnonzero(~same)

@@ -1,8 +1,12 @@
-"""Meshes as they come: wound one way, without T-junctions and walls that two solids share; what was done is reported.
+"""Meshes as they come: duplicates dropped, sides cut where they meet other faces, and all wound one way; with a report.
 
-Sides at which exactly two faces meet tell how these are wound against each other. A closed surface that no other one
-holds is wound outwards, by its signed volume; any other surface as most of its faces are: one within another may be a
-cavity or a body, which its file alone knows. A vertex within a side that ends there splits the face.
+Sides of one mesh at which exactly two faces meet tell how these are wound against each other. A closed surface is wound
+outwards, by its signed volume; any other surface as most of its faces are. A closed surface that is no thin wall, and
+that holds no other one, is a *solid*: nothing inside it diffracts. One that holds others is a room.
+
+Why no library unites the solids: `manifold3d` (3.5.4) joins two boxes that touch where their coordinates are equal to
+the last bit; turned at random, 7 of 30 such pairs stay two bodies with a slit of rounding between them. Here whatever
+lies within a tolerance of a side counts as touching it.
 """
 
 from dataclasses import dataclass
@@ -13,11 +17,13 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from specklegen.core.display.repr import short
-from specklegen.wavetracing.edges import WELD
+from specklegen.core.errors import warn_user
+from specklegen.wavetracing.contacts import cuts, winding
+from specklegen.wavetracing.edges import WELD, Topology, normals, scene_size, segments_of, topology, weld
+from specklegen.wavetracing.kernels import cone_bvh
 
 MOST_SIDES = 50_000
-"""Sides at which a face ends, above which T-junctions are not looked for."""
-_ROUNDS = 12
+"""Sides that end or bend, above which they are not cut at other faces."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +32,14 @@ class Intake:
 
     Attributes
     ----------
-    duplicates, removed, split, turned : int
-        Faces dropped as copies; faces of walls that two closed meshes share, which are gone; faces split at vertices
-        on their sides; faces wound the other way.
+    duplicates, split, turned : int
+        Faces dropped as copies; faces cut where a side of theirs meets other faces; faces wound the other way.
     one_sided : int
         Surfaces with one side alone (a Moebius strip), left as they are.
+    solids : int
+        Closed surfaces with matter inside.
     searched : bool
-        Whether T-junctions were looked for: not where more than 50 000 sides have no neighbour.
+        Whether contacts were looked for: not where more than 50 000 sides end or bend.
 
     Examples
     --------
@@ -42,113 +49,155 @@ class Intake:
     """
 
     duplicates: int
-    removed: int
     split: int
     turned: int
     one_sided: int
+    solids: int
     searched: bool
 
     __repr__ = short
 
 
-def _sides(welded: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return of each side its pair of corners as a number, whether it runs upwards, and how many faces have it."""
-    first = welded[faces].astype(np.int64)
-    second = np.roll(first, -1, axis=1)
-    key = (np.minimum(first, second) * (int(welded.max(initial=0)) + 1) + np.maximum(first, second)).ravel()
-    _, place, count = np.unique(key, return_inverse=True, return_counts=True)
-    return key, (first < second).ravel(), count[place.ravel()]
+@dataclass(frozen=True, eq=False)
+class Mended:
+    """Faces of a scene as they stand.
 
-
-def shared_walls(vertices: np.ndarray, faces: np.ndarray, mesh: np.ndarray, welded: np.ndarray) -> np.ndarray:
-    """bool[F], faces that two closed meshes have both: what lies between two solids that touch."""
-    corners = np.sort(welded[faces], axis=1)
-    _, place, count = np.unique(corners, axis=0, return_inverse=True, return_counts=True)
-    twice = count[place.ravel()] == 2
-    out = np.zeros(len(faces), bool)
-    if not twice.any():
-        return out
-    solid = np.zeros(int(mesh.max()) + 1, bool)
-    for m in np.unique(mesh[twice]):
-        own = faces[mesh == m]
-        a, b, c = (vertices[own[:, n]] - vertices[own[0, 0]] for n in range(3))
-        parts = np.einsum("fi,fi->f", a, np.cross(b, c))
-        solid[m] = (_sides(welded, own)[2] == 2).all() and abs(parts.sum()) > 1e-9 * np.abs(parts).sum()
-    order = np.argsort(place.ravel()[twice], kind="stable")
-    one, two = np.flatnonzero(twice)[order].reshape(-1, 2).T
-    both = (mesh[one] != mesh[two]) & solid[mesh[one]] & solid[mesh[two]]
-    out[one[both]] = out[two[both]] = True
-    return out
-
-
-def split_at_junctions(
-    vertices: np.ndarray, faces: np.ndarray, welded: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, int, bool, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Split faces at vertices within sides that end there.
-
-    Return the faces, the row int64[F] that each comes from, how many were split, whether it was looked for, and what
-    `turned_faces` needs of the sides.
+    Attributes
+    ----------
+    vertices, faces, welded : float64[V, 3], int32[F, 3], int32[V]
+    row : int64[F]
+        The face as it was given that each comes from.
+    solid : int32[F]
+        The closed surface that each belongs to, -1 for none; those with a face that is a thin wall among none.
+    adjacency : Topology
+    report : Intake
     """
-    row, total = np.arange(len(faces)), set()
-    size = float(np.ptp(vertices, axis=0).max(initial=0)) if len(vertices) else 0.0
-    tolerance = 2 * WELD * (size or 1.0)
-    sides = _sides(welded, faces)
-    for _ in range(_ROUNDS):
-        free = np.flatnonzero(sides[2] == 1)
-        if len(free) > MOST_SIDES:
-            return faces, row, len(total), False, sides
-        inner = _within_sides(vertices, faces, welded, free, tolerance)
-        if not inner:
-            break
-        kept, new, source = np.ones(len(faces), bool), [], []
-        for f, (side, points) in inner.items():
-            kept[f] = False
-            total.add(int(row[f]))
-            start, stop, apex = faces[f, side], faces[f, (side + 1) % 3], faces[f, (side + 2) % 3]
-            chain = [start, *points, stop]
-            new += [[a, b, apex] for a, b in zip(chain, chain[1:], strict=False)]
-            source += [row[f]] * (len(chain) - 1)
-        faces = np.concatenate([faces[kept], np.array(new, faces.dtype)])
-        row = np.concatenate([row[kept], np.array(source)])
-        sides = _sides(welded, faces)
-    return faces, row, len(total), True, sides
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    welded: np.ndarray
+    row: np.ndarray
+    solid: np.ndarray
+    adjacency: Topology
+    report: Intake
 
 
-def _within_sides(vertices, faces, welded, free, tolerance) -> dict[int, tuple[int, list[int]]]:
-    """Find faces with a vertex of the free sides within one of theirs: the first such side, and its points in order."""
-    start, stop = faces.ravel()[free], np.roll(faces, -1, axis=1).ravel()[free]
-    _, first = np.unique(welded[start], return_index=True)
-    corner = start[first]
-    a, along = vertices[start], vertices[stop] - vertices[start]
-    length = np.linalg.norm(along, axis=1)
-    if not len(free):
-        return {}
-    near = cKDTree(vertices[corner]).query_ball_point(a + along / 2, length / 2 + tolerance)
-    count = np.array([len(each) for each in near])
-    side = np.repeat(np.arange(len(free)), count)
-    point = corner[np.concatenate([np.asarray(each, np.int64) for each in near])]
-    unit = along[side] / np.where(length > 0, length, 1)[side, None]
-    offset = vertices[point] - a[side]
-    t = (offset * unit).sum(axis=1)
-    off = np.linalg.norm(offset - t[:, None] * unit, axis=1)
-    good = (t > tolerance) & (t < length[side] - tolerance) & (off <= tolerance)
-    good &= (welded[faces[free[side] // 3]] != welded[point][:, None]).all(axis=1)  # a needle's own corner is none
-    by_face: dict[int, tuple[int, list[int]]] = {}
-    for n in np.flatnonzero(good)[np.lexsort([t[good], side[good]])]:
-        f, which = divmod(int(free[side[n]]), 3)
-        if by_face.setdefault(f, (which, []))[0] == which:
-            by_face[f][1].append(int(point[n]))
-    return by_face
+def mended(vertices: np.ndarray, faces: np.ndarray, mesh: np.ndarray, welded: np.ndarray, thin: np.ndarray) -> Mended:
+    """Mend faces int32[F, 3] of the meshes int32[F], some of which, bool[M], are thin walls."""
+    corners = np.column_stack([np.sort(welded[faces], axis=1), mesh])
+    row = _first_of_each(corners)
+    faces, mesh, total = faces[row], mesh[row], len(faces)
+    adjacency = topology(vertices, faces, welded, mesh)
+    vertices, faces, welded, origin, searched = _cut(vertices, faces, welded, adjacency)
+    split = int((np.bincount(origin, minlength=len(row)) > 1).sum())
+    if len(faces) > len(row):
+        row, mesh = row[origin], mesh[origin]
+        adjacency = topology(vertices, faces, welded, mesh)
+    turn, surface, closed, one_sided = _orientation(vertices, faces, welded, adjacency)
+    faces = np.where(turn[:, None], faces[:, ::-1], faces)
+    solid = np.where(closed[surface] & ~thin[mesh], surface, -1) if len(faces) else np.empty(0, np.int32)
+    keep = _without_copies(welded, faces, solid)
+    if turn.any() or len(keep) < len(faces):
+        faces, row, mesh, solid = faces[keep], row[keep], mesh[keep], solid[keep]
+        adjacency = topology(vertices, faces, welded, mesh)
+    solid = _numbered(np.where(np.isin(solid, _rooms(vertices, faces, solid)), -1, solid))
+    duplicates = total - len(np.unique(row))
+    if duplicates:
+        warn_user(f"{duplicates} duplicate triangles were dropped")
+    report = Intake(duplicates, split, int(turn.sum()), one_sided, int(solid.max(initial=-1)) + 1, searched)
+    return Mended(vertices, faces, welded, row, solid, adjacency, report)
 
 
-def turned_faces(vertices: np.ndarray, faces: np.ndarray, sides: tuple) -> tuple[np.ndarray, int]:
-    """bool[F], faces to be wound the other way; and the number of surfaces with one side alone."""
+def _first_of_each(rows: np.ndarray) -> np.ndarray:
+    """Numbers of rows that no earlier one equals, in rising order."""
+    if not len(rows):
+        return np.empty(0, np.int64)
+    order = np.lexsort(rows.T)  # stable: the first of its kind stays
+    same = np.zeros(len(rows), bool)
+    same[order[1:]] = (rows[order[1:]] == rows[order[:-1]]).all(axis=1)
+    return np.flatnonzero(~same)
+
+
+def _numbered(labels: np.ndarray) -> np.ndarray:
+    """Labels as int32 from 0 on, without gaps; -1 stays."""
+    values, place = np.unique(labels, return_inverse=True)
+    return (place.ravel() - (1 if len(values) and values[0] < 0 else 0)).astype(np.int32)
+
+
+def _cut(vertices, faces, welded, adjacency: Topology):
+    """Cut faces where sides that end or bend meet other faces.
+
+    Return vertices, faces, welded numbers, the row that each face comes from, and whether it was looked for.
+    """
+    sides, same = np.flatnonzero(adjacency.candidates), np.arange(len(faces))
+    if not len(sides) or len(sides) > MOST_SIDES:
+        return vertices, faces, welded, same, len(sides) <= MOST_SIDES
+    _, first = np.unique(adjacency.pair[sides], return_index=True)
+    segments = segments_of(vertices, faces, sides[first])
+    reach = 2 * WELD * scene_size(vertices)
+    which, at = cuts(segments, reach, cone_bvh.tree_over(vertices, faces)[0])
+    if not len(which):
+        return vertices, faces, welded, same, True
+    start, step = segments[which, :3], segments[which, 3:] - segments[which, :3]
+    points = start + (at / np.linalg.norm(step, axis=1))[:, None] * step
+    # A vertex that is there serves; so does a new one for every side that runs through it.
+    near, old = cKDTree(vertices).query(points, distance_upper_bound=1.5 * reach)
+    fresh = np.isinf(near)
+    number = np.where(fresh, len(vertices) + np.cumsum(fresh) - 1, old)
+    vertices = np.concatenate([vertices, points[fresh]])
+    groups = weld(points[fresh], 2 * reach / scene_size(points[fresh]))
+    welded = np.concatenate([welded, int(welded.max()) + 1 + groups]).astype(np.int32)
+    on_side: dict[tuple[int, int], list[int]] = {}
+    for side, vertex in zip(sides[first][which], number, strict=True):
+        one, two = (int(welded[faces[side // 3, corner % 3]]) for corner in (side, side + 1))
+        inner = on_side.setdefault((min(one, two), max(one, two)), [])
+        inner.insert(len(inner) if one < two else 0, int(vertex))
+    new, origin = _split(faces, welded, on_side)
+    return vertices, new, welded, origin, True
+
+
+def _split(faces, welded, on_side):
+    """Split faces at the vertices within their sides, listed from the lower welded corner to the upper one.
+
+    Return all faces, and the row that each comes from.
+    """
+    corners = welded[faces]
+    pairs = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1), axis=-1)
+    size = int(welded.max()) + 1
+    marked = np.array([one * size + two for one, two in on_side], np.int64)
+    touched = np.isin(pairs[..., 0].astype(np.int64) * size + pairs[..., 1], marked).any(axis=1)
+    new, origin = [], []
+    for f in np.flatnonzero(touched):
+        waiting = [tuple(faces[f].tolist())]
+        while waiting:
+            triangle = waiting.pop()
+            for n in range(3):
+                a, b, apex = triangle[n], triangle[n - 2], triangle[n - 1]
+                one, two = welded[a], welded[b]
+                inner = on_side.get((min(one, two), max(one, two)), [])
+                inner = [v for v in inner if welded[v] not in (one, two, welded[apex])]
+                if inner:
+                    chain = [a, *(inner if one < two else inner[::-1]), b]
+                    waiting += [(p, q, apex) for p, q in zip(chain, chain[1:], strict=False)]
+                    break
+            else:
+                new.append(triangle)
+                origin.append(f)
+    whole = np.flatnonzero(~touched)
+    faces = np.concatenate([faces[whole], np.array(new, faces.dtype).reshape(-1, 3)])
+    return faces, np.concatenate([whole, np.array(origin, np.int64)])
+
+
+def _orientation(vertices, faces, welded, adjacency: Topology):
+    """Return bool[F], faces to be turned; the surface of each; bool[S], closed ones; how many have one side alone."""
     count = len(faces)
     if not count:
-        return np.zeros(0, bool), 0
-    key, upwards, many = sides
-    paired = np.flatnonzero(many == 2)
-    one, two = paired[np.argsort(key[paired], kind="stable")].reshape(-1, 2).T
+        return np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(0, bool), 0
+    corners = welded[faces]
+    upwards = (corners < np.roll(corners, -1, axis=1)).ravel()
+    one = np.flatnonzero(adjacency.neighbour >= 0)
+    order = np.lexsort([np.minimum(one // 3, adjacency.neighbour[one]), adjacency.pair[one]])
+    one, two = one[order].reshape(-1, 2).T
     same = upwards[one] == upwards[two]
     f, g = one // 3, two // 3
     # Each face twice, as it is and turned; what meets rightly is joined.
@@ -156,22 +205,53 @@ def turned_faces(vertices: np.ndarray, faces: np.ndarray, sides: tuple) -> tuple
     graph = coo_array((np.ones(2 * len(f)), ends), shape=(2 * count, 2 * count))
     label = connected_components(graph, directed=False)[1]
     as_is, other = label[:count], label[count:]
-    surface = np.minimum(as_is, other)
-    _, surface = np.unique(surface, return_inverse=True)
+    _, surface = np.unique(np.minimum(as_is, other), return_inverse=True)
     turn = as_is > other
     surfaces = int(surface.max()) + 1
     one_sided = np.bincount(surface, as_is == other, surfaces) > 0
-    closed = np.bincount(surface, (many.reshape(-1, 3) != 2).any(axis=1), surfaces) == 0
-    corners = vertices[faces]
-    low, high = np.full((surfaces, 3), np.inf), np.full((surfaces, 3), -np.inf)
-    np.minimum.at(low, surface, corners.min(axis=1))
-    np.maximum.at(high, surface, corners.max(axis=1))
-    local = corners - low[surface][:, None]
+    points = vertices[faces]
+    local = points - points[np.unique(surface, return_index=True)[1], 0][surface][:, None]
     part = np.einsum("fi,fi->f", local[:, 0], np.cross(local[:, 1], local[:, 2])) * np.where(turn, -1, 1)
     volume, scale = np.bincount(surface, part, surfaces), np.bincount(surface, np.abs(part), surfaces)
-    outwards = closed & (np.abs(volume) > 1e-9 * scale)
-    for s in np.flatnonzero(outwards):
-        outwards[s] = not ((low < low[s]).all(axis=1) & (high > high[s]).all(axis=1) & closed).any()
+    open_ = np.bincount(surface, (adjacency.neighbour.reshape(-1, 3) < 0).any(axis=1), surfaces) > 0
+    closed = ~open_ & ~one_sided & (np.abs(volume) > 1e-9 * scale)
     most = 2 * np.bincount(surface, turn, surfaces) > np.bincount(surface, minlength=surfaces)
-    back = np.where(outwards, volume < 0, most)
-    return (turn ^ back[surface]) & ~one_sided[surface], int(one_sided.sum())
+    back = np.where(closed, volume < 0, most)
+    return (turn ^ back[surface]) & ~one_sided[surface], surface, closed, int(one_sided.sum())
+
+
+def _without_copies(welded, faces, solid):
+    """Numbers of the faces that are no copies of an earlier one, or of a solid's, with matter on the same side."""
+    corners = np.sort(welded[faces], axis=1)
+    _, place, count = np.unique(corners, axis=0, return_inverse=True, return_counts=True)
+    twice = np.flatnonzero(count[place.ravel()] > 1)
+    if not len(twice):
+        return np.arange(len(faces))
+    first = welded[faces[twice]]
+    odd = (first[:, 0] > first[:, 1]).astype(int) + (first[:, 1] > first[:, 2]) + (first[:, 0] > first[:, 2])
+    side = np.where(solid[twice] >= 0, odd % 2, 2)
+    drop, rank = np.zeros(len(faces), bool), np.lexsort([twice, side == 2, place.ravel()[twice]])
+    kept: dict[int, set[int]] = {}
+    for n in rank:
+        sides = kept.setdefault(int(place.ravel()[twice[n]]), set())
+        if int(side[n]) in sides or (side[n] == 2 and sides):
+            drop[twice[n]] = True
+        sides.add(int(side[n]))
+    return np.flatnonzero(~drop)
+
+
+def _rooms(vertices, faces, solid) -> list[int]:
+    """Closed surfaces that hold another one, all of it."""
+    labels = np.unique(solid[solid >= 0])
+    corners = [vertices[faces[solid == label]] for label in labels]
+    low, high = (np.array([op(c.reshape(-1, 3), axis=0) for c in corners]).reshape(-1, 3) for op in (np.min, np.max))
+    reach, rooms = 2 * WELD * scene_size(vertices), []
+    for n, label in enumerate(labels):
+        within = (low >= low[n] - reach).all(axis=1) & (high <= high[n] + reach).all(axis=1)
+        within[n] = False
+        for m in np.flatnonzero(within):
+            apart = normals(corners[m].reshape(-1, 3), np.arange(3 * len(corners[m])).reshape(-1, 3))
+            if (winding(corners[m].mean(axis=1) - 32 * reach * apart, corners[n]) > 0.5).all():
+                rooms.append(int(label))
+                break
+    return rooms

@@ -120,19 +120,6 @@ def wall_coefficients(
     return found[0], found[1], found[2], found[3]
 
 
-def reflected(row: np.ndarray, cosine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (R_TE, R_TM) of a surface by its ``row``; a diffuse one, as a black one, has no image."""
-    c = np.asarray(cosine, float)
-    if row[0] == CONDUCTOR:
-        return np.full(c.shape, -1 + 0j), np.full(c.shape, 1 + 0j)
-    if row[0] == HALF_SPACE:
-        return fresnel(complex(row[1], row[2]), c)
-    if row[0] == WALL:
-        te, _, tm, _ = wall_coefficients(complex(row[1], row[2]), row[3], 1.0, c)
-        return te, tm
-    return np.zeros(c.shape, complex), np.zeros(c.shape, complex)
-
-
 class Absorber(Value):
     """A black surface: takes all light in.
 

@@ -1,4 +1,4 @@
-"""The paths of rays from a source to a point, one by one: length, delay, directions, amplitude, and what they met."""
+"""The paths of rays from a source to a point, one by one: length, delay, directions, amplitudes, and what they met."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.arguments import real_array
+from specklegen.core.arguments import choice, real_array
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
-from specklegen.wavetracing.coherent_ray_sums import contributions
+from specklegen.wavetracing.coherent_ray_sums import FLOOR, PathSearch
+from specklegen.wavetracing.edge_graph import Surfaces
 from specklegen.wavetracing.emitters import PointEmitter
 from specklegen.wavetracing.geometry import Geometry
+from specklegen.wavetracing.kernels import edge_paths
 from specklegen.wavetracing.materials import LIGHT_SPEED
 
 
@@ -25,9 +27,16 @@ class RayPath:
     ----------
     amplitude : complex
         Its part of the field of `coherent_rays`, the phase of its length included.
+    pair : complex128[2]
+        The same for both polarisations, soft and hard.
+    vectors : complex128[2, 3]
+        Electric fields at the point that a unit field along theta, and one along phi, makes; of light that leaves
+        along ``departure`` in spherical coordinates about the z axis, over the wave 1 m from the source.
     length : float
     departure, arrival : float64[3]
         Unit vectors of travel at the source and at the point.
+    points : float64[N, 3]
+        The source, where the path turns, and the point.
     met : tuple
         In order, ("reflection", number of the mesh) and ("diffraction", number of the edge in ``geometry.edges``).
 
@@ -43,9 +52,12 @@ class RayPath:
     """
 
     amplitude: complex
+    pair: np.ndarray
+    vectors: np.ndarray
     length: float
     departure: np.ndarray
     arrival: np.ndarray
+    points: np.ndarray
     met: tuple[tuple[str, int], ...]
 
     __repr__ = short
@@ -63,7 +75,8 @@ def coherent_paths(
     reflections: int = 1,
     diffractions: int = 2,
     polarisation: Literal["soft", "hard"] = "soft",
-    surfaces: Literal["perfect", "material"] = "perfect",
+    surfaces: Surfaces = "perfect",
+    floor_db: float = FLOOR,
 ) -> list[RayPath]:
     """Return the paths to a point float64[3], the shortest first; their amplitudes add up to `coherent_rays`.
 
@@ -78,19 +91,20 @@ def coherent_paths(
     point : float64[3]
         Where paths end, in the scene's unit of length.
     reflections
-        Most reflections on a path; 1 by default. Combinations of facets grow as their number to that power.
+        Most reflections on a path, at most 4; 1 by default.
     diffractions
         Most edges on a path: 0, 1 or 2.
     polarisation
-        "soft": u = 0 on perfect surfaces, TE on others; "hard": du/dn = 0, TM.
+        Of ``amplitude``. "soft": u = 0 on perfect surfaces, TE on others; "hard": du/dn = 0, TM.
     surfaces
         "perfect": whatever their material; "material": by it, without what goes through walls.
+    floor_db
+        As of `coherent_rays`.
 
     Raises
     ------
     RuleError
-        For arguments out of range; a point or a source nearer to an edge on a path than 1 / k, where there is no ray
-        yet; more than 50000 combinations of facets and edges.
+        For arguments out of range; a point nearer to the source than 1 / k.
 
     Examples
     --------
@@ -100,16 +114,64 @@ def coherent_paths(
     >>> [path.departure.tolist() for path in coherent_paths(Geometry([mirror]), lamp, [24.0, 0, 9], diffractions=0)]
     [[1.0, 0.0, 0.0], [0.8, 0.0, -0.6]]
     """
-    end = real_array("coherent_paths point", point)
+    end = real_array("coherent_paths point", point).copy()
     if end.shape != (3,) or not np.isfinite(end).all():
         reject("coherent_paths point", "a finite point float64[3]", end)
-    parts = contributions(
-        "coherent_paths", geometry, source, end[None], reflections, diffractions, polarisation, surfaces
-    )
-    paths = []
-    for part in parts:
-        if part.field[0] != 0:
-            out, back = part.towards[0] - source.position, end - part.back[0]
-            out, back = out / np.linalg.norm(out), back / np.linalg.norm(back)
-            paths.append(RayPath(complex(part.field[0]), float(part.length[0]), out, back, part.met))
+    choice("coherent_paths polarisation", polarisation, ("soft", "hard"))
+    search = PathSearch("coherent_paths", geometry, source, reflections, diffractions, surfaces, floor_db)
+    search.check(end[None])
+    start, seen = search.seen(end[None])
+    place = np.array(source.position, float)
+    values, met, near = edge_paths.paths_to(place, start, end, seen[0], search.graph, search.tree, search.rules)
+    search.warn_near(min(near, 1))
+    rows = zip(values, met, strict=True)
+    paths = [_path(row, codes, search, int(polarisation == "hard")) for row, codes in rows]
     return sorted(paths, key=lambda path: path.length)
+
+
+def _path(row: np.ndarray, codes: np.ndarray, search: PathSearch, chosen: int) -> RayPath:
+    """One path from its row of `specklegen.wavetracing.kernels.edge_paths`."""
+    count, size = int((codes != 0).sum()), np.sqrt(search.source.power / (4 * np.pi))
+    points = row[edge_paths.STATIONS : edge_paths.SURFACES].reshape(-1, 3)[: count + 2].copy()
+    legs = np.diff(points, axis=0)
+    lengths = np.linalg.norm(legs, axis=1, keepdims=True)
+    ways = np.divide(legs, lengths, out=np.roll(legs, 1, axis=0), where=lengths > 0)
+    pair = size * row[: edge_paths.TOTAL].view(complex)
+    met = tuple(("diffraction", int(c) - 1) if c > 0 else ("reflection", -1 - int(c)) for c in codes[:count])
+    vectors = size * _carried(row, codes[:count], ways, search)
+    return RayPath(
+        complex(pair[chosen]), pair, vectors, float(row[edge_paths.TOTAL]), ways[0], ways[-1], points, met
+    )  # fmt: skip
+
+
+def _frame(axis: np.ndarray, way: np.ndarray, plane: bool, before: np.ndarray) -> np.ndarray:
+    """Unit vectors float64[2, 3] of soft and hard light along ``way``, at an edge, or at a mirror of a normal."""
+    soft = np.cross(before, axis) if plane else axis - (axis @ way) * way
+    if np.linalg.norm(soft) < 1e-9:  # straight onto a mirror: any direction in it
+        soft = np.cross(before, np.eye(3)[np.abs(before).argmin()])
+    soft = soft / np.linalg.norm(soft)
+    return np.array([soft, np.cross(soft, way)])
+
+
+def _carried(row: np.ndarray, codes: np.ndarray, ways: np.ndarray, search: PathSearch) -> np.ndarray:
+    """Fields complex128[2, 3] at the end of a path, of unit vectors along theta and phi at its beginning."""
+    surfaces = row[edge_paths.SURFACES : edge_paths.PAIR].view(complex).reshape(-1, 2)
+    pair = row[edge_paths.PAIR : edge_paths.PAIR + 8].view(complex).reshape(2, 2)
+    level = np.cross([0.0, 0.0, 1.0], ways[0])
+    phi = level / np.linalg.norm(level) if np.linalg.norm(level) > 1e-12 else np.array([0.0, 1.0, 0.0])
+    fields = np.array([np.cross(phi, ways[0]), phi])[:, None] * np.array([1, 0])[None, :, None] + 0j  # [2, 2, 3]
+    bends = np.flatnonzero(codes > 0)
+    for n, code in enumerate(codes):
+        edge = code > 0
+        leg = ways[n + 1] - ways[n]
+        axis = search.graph.edges[code - 1, 3:6] if edge else leg / max(np.linalg.norm(leg), 1e-300)
+        came, goes = (_frame(axis, way, not edge, ways[n]) for way in ways[n : n + 2])
+        if not edge:
+            fields = np.einsum("fpc,qc,q,qd->fpd", fields, came, surfaces[n], goes)
+            continue
+        if n == bends[0]:  # one part for each polarisation at the first edge
+            parts = np.einsum("fpc,qc->fq", fields, came)
+            fields = parts[:, :, None] * (came if len(bends) == 1 else goes)[None]
+        if n == bends[-1]:
+            fields = np.einsum("fpc,qc,pq,qd->fd", fields, came, pair, goes)[:, None] * np.array([1, 0])[None, :, None]
+    return fields.sum(axis=1) * (1 if len(bends) else pair[0, 0])

@@ -22,11 +22,7 @@ class Ledger:
     stopped : int
         After ``max_events`` interactions.
     failed : int
-        No wavevector could be drawn: the opening has no area, or every try was refused. With UTD: more than 128 edges
-        met one wave together.
-    edge_received, edge_absorbed : float
-        With UTD, what rays from edges add to the two, in beams: sums of signed weights. UTD conserves power nearly, and
-        rays from edges that leave without crossing a receiver have no weight.
+        No wavevector could be drawn: the opening has no area, or every try was refused.
 
     Examples
     --------
@@ -40,8 +36,6 @@ class Ledger:
     escaped: int
     stopped: int
     failed: int
-    edge_received: float = 0.0
-    edge_absorbed: float = 0.0
 
     @property
     def total(self) -> int:
@@ -64,8 +58,7 @@ class Statistics:
     trials, evanescent : int
         Proposals of the sampler of uniform patterns; draws above the wavenumber, drawn again.
     regions, region_triangles, crossings : int
-        Regions looked at, triangles in them, and crossings of receivers. With UTD ``open`` counts rays from edges,
-        ``regions`` legs of rays that pass edges, ``region_triangles`` the edges there.
+        Regions looked at, triangles in them, and crossings of receivers.
     region_area : float
         Mean cross-section of a region (an area); 0 without any.
 

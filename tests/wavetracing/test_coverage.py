@@ -8,7 +8,6 @@ from zscore import assert_z
 from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.wavetracing import (
     Absorber,
-    Building,
     Conductor,
     Diffuse,
     Geometry,
@@ -53,11 +52,10 @@ def test_friis():
     assert decibel_milliwatt(np.array([0.0]))[0] == -np.inf
 
 
-@pytest.mark.parametrize("method", ["wave", "ray"])
-def test_cells_of_a_map_in_free_space(method):
+def test_cells_of_a_map_of_rays_in_free_space():
     """The mean over each cell, against Friis; a map edge on to none of the beams."""
     plane, source = street(), [7.0, -11.0, 60.0]
-    found = coverage(AIR, Transmitter(source), plane, 1e9, method, beams=150_000, seed=3)
+    found = coverage(AIR, Transmitter(source), plane, 1e9, "ray", beams=150_000, seed=3)
     power = 1e-3 * 10 ** (found.rss_dBm.data / 10)
     expected = 1e-3 * (WAVELENGTH / (4 * np.pi)) ** 2 * mean_inverse_square(plane, source)
     error = power * found.error.data * np.log(10) / 10
@@ -93,13 +91,41 @@ def test_knife_edge_by_phases(frequency, height, loss):
 
 
 def test_ground_that_mirrors_adds_its_image():
+    """Fringes of a cell of 120 wavelengths average out: the sum of both powers, within a few of the stated errors."""
     plane, source = street(z=30.0), np.array([0, 0, 60.0])
     scene = Geometry(sheet(1e5, 0.0, Conductor()))
-    found = coverage(scene, Transmitter(source), plane, 1e9, beams=100_000, seed=4)
+    found = coverage(scene, Transmitter(source), plane, 1e9, samples=8, seed=4)
     power = 1e-3 * 10 ** (found.rss_dBm.data / 10)
     both = mean_inverse_square(plane, source) + mean_inverse_square(plane, -source)
     expected = 1e-3 * (WAVELENGTH / (4 * np.pi)) ** 2 * both
-    assert_z(power, expected, power * found.error.data * np.log(10) / 10)
+    error = power * found.error.data * np.log(10) / 10
+    assert np.median(error / power) < 0.1
+    assert (np.abs(power - expected) < 6 * error).all()  # errors of 8 points are known to a quarter
+    assert np.abs(power - expected).sum() > 0
+
+
+@pytest.mark.filterwarnings("ignore:.*corners matter:specklegen.core.errors.DoubtWarning")
+def test_the_mean_of_a_cell_is_that_of_its_points():
+    """Cells of a block's shadow and of light beside it: the map, against |u|^2 at 3000 points; 1 dB is noticed."""
+    scene = Geometry(box((4.0, 60.0, 60.0), (0, 0, -20.0), material=Conductor()))
+    source = Transmitter([-30.0, 0, 0.0])
+    plane = Plane(center=[25.0, 0, 6.0], normal=[1.0, 0, 0], up=[0, 0, 1.0], shape=(6, 1), pitch=5.0)
+    found = coverage(scene, source, plane, 1e9, samples=64)
+    rng, count = np.random.default_rng(3), 3000
+    z = plane.points[:, 0, None, 2] + rng.uniform(-2.5, 2.5, (6, count))
+    points = np.stack([np.full_like(z, 25.0), rng.uniform(-2.5, 2.5, z.shape), z], axis=-1)
+    lamp = PointEmitter(source.position, WAVELENGTH, 1e-3)
+    both = [coherent_rays(scene, lamp, points, 1, 2, name, "material") for name in ("soft", "hard")]
+    flux = np.mean(np.square(np.abs(both)), axis=0) * WAVELENGTH**2 / (4 * np.pi)
+    power = 1e-3 * 10 ** (found.rss_dBm.data[:, 0] / 10)
+    own = power * found.error.data[:, 0] * np.log(10) / 10
+    error = np.hypot(own, flux.std(axis=1) / np.sqrt(count))
+    z_score = (power - flux.mean(axis=1)) / error
+    assert np.abs(z_score).max() < 6
+    sharp = own < 0.03 * power
+    assert sharp.sum() > 1
+    assert (np.abs((power * 1.26 - flux.mean(axis=1)) / error) > 6)[sharp].all()
+    assert found.rss_dBm.data.max() - found.rss_dBm.data.min() > 15
 
 
 def test_waves_reach_where_rays_do_not():
@@ -110,18 +136,18 @@ def test_waves_reach_where_rays_do_not():
     ray = coverage(scene, source, behind, 1e9, "ray", beams=20_000)
     assert ray.rss_dBm.mask.all()
     assert (ray.rss_dBm.data == -np.inf).all()
-    wave = coverage(scene, source, behind, 1e9, beams=20_000)
-    assert wave.ledger is not None
-    assert wave.ledger.total == 20_000
+    wave = coverage(scene, source, behind, 1e9)
+    assert wave.ledger is None
     assert not wave.rss_dBm.mask.any()
-    free = coverage(AIR, source, behind, 1e9, beams=20_000)
+    free = coverage(AIR, source, behind, 1e9)
     assert -40 < wave.rss_dBm[0, 0] - free.rss_dBm[0, 0] < -5
 
 
-@pytest.mark.parametrize("material", [Building(name="concrete", thickness=0.2), Diffuse(albedo=0.5)])
-def test_what_phases_leave_out_is_doubted(material):
-    with pytest.warns(DoubtWarning, match=r'"phase" has no light through walls and none of diffuse surfaces'):
-        coverage(Geometry(sheet(50.0, 0.0, material)), Transmitter([0, 0, 9.0]), street(4.0, (1, 1)), 1e9, "phase")
+@pytest.mark.parametrize("method", ["wave", "phase"])
+def test_what_paths_leave_out_is_doubted(method):
+    scene = Geometry(sheet(50.0, 0.0, Diffuse(albedo=0.5)))
+    with pytest.warns(DoubtWarning, match="has no light of diffuse surfaces"):
+        coverage(scene, Transmitter([0, 0, 9.0]), street(4.0, (1, 1)), 1e9, method)
 
 
 def test_too_near_for_a_wave():
@@ -137,8 +163,10 @@ def test_refused():
         ({"frequency": 0.0}, "frequency"),
         ({"method": "best"}, "method"),
         ({"gain": -1.0}, "gain"),
+        ({"samples": 1}, "samples"),
+        ({"reflections": 5}, "reflections"),
         ({"transmitter": [0, 0, 0]}, "a Transmitter"),
     ):
-        arguments = {"transmitter": Transmitter([0, 0, 0]), "frequency": 1e9} | changed
+        arguments = {"transmitter": Transmitter([0, 0, 9]), "frequency": 1e9} | changed
         with pytest.raises(RuleError, match=message):
             coverage(AIR, plane=street(), **arguments)

@@ -26,8 +26,8 @@ def test_forty_blocks_follow_from_their_seed():
 def test_every_cell_of_a_street_has_an_error(frequency):
     place = forty_blocks()
     plane = place.plane.replace(center=[0, -27, 1.5], shape=(1, 8), pitch=12.0)
-    found = coverage(place.scene, place.antenna, plane, frequency, beams=4000, diffraction="utd")
+    found = coverage(place.scene, place.antenna, plane, frequency, diffractions=1, samples=2)
     seen = ~found.rss_dBm.mask
-    assert seen.any()
+    assert seen.all()
     assert (found.error.data[seen] > 0).all()
     assert np.isfinite(found.error.data[seen]).all()

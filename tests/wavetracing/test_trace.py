@@ -265,7 +265,6 @@ def test_arguments_are_refused():
         ({"beams": 0}, "beams"),
         ({"mode": "particle"}, "mode"),
         ({"amplitude": "flat"}, "amplitude"),
-        ({"diffraction": "born"}, "diffraction"),
         ({"max_events": -1}, "max_events"),
         ({"seed": -1}, "seed"),
     ):

@@ -30,7 +30,7 @@ from specklegen.wavetracing.kernels.beam_state import leave_region, mirror
 from specklegen.wavetracing.kernels.cone_bvh import collect_all
 from specklegen.wavetracing.kernels.cones import CONE
 from specklegen.wavetracing.kernels.masked_beams import FINE, GRID, WORDS
-from specklegen.wavetracing.kernels.ray_bvh import nearest
+from specklegen.wavetracing.kernels.ray_bvh import NO, nearest
 from specklegen.wavetracing.kernels.receivers import crossing
 from specklegen.wavetracing.kernels.regions import KEPT, borders, holds, hole_in, pass_edge, pass_hole
 from specklegen.wavetracing.kernels.surfaces import ABSORBED, REFLECTED, SCATTERED, TRANSMITTED, outcome
@@ -61,15 +61,13 @@ class Tally(NamedTuple):
 
     Attributes
     ----------
-    counts, fluence, squares : int64[cells], float64[cells], float64[cells]
-        Crossings of receivers, sum of 1 / |cos| and of its square.
+    sums : float64[cells, 4]
+        Of weights w at receivers and of their squares, of w / |cos| and of its square.
     ends, statistics, areas : int64[ENDS], int64[STATISTICS], float64[1]
         The ledger; what happened; the areas of regions.
     """
 
-    counts: np.ndarray
-    fluence: np.ndarray
-    squares: np.ndarray
+    sums: np.ndarray
     ends: np.ndarray
     statistics: np.ndarray
     areas: np.ndarray
@@ -87,7 +85,7 @@ def ray_hit(state, skip, other, facet, tree):
     """Distance and place of what the ray of a beam meets first, but for two facets; (inf, -1) for nothing."""
     hit, place, _ = nearest(
         state[beam.PX], state[beam.PY], state[beam.PZ], state[beam.DX], state[beam.DY], state[beam.DZ], 0.0, math.inf,
-        skip, other, facet, tree,
+        (np.int64(skip), np.int64(other)), facet, tree,
     )  # fmt: skip
     return hit, place
 
@@ -104,9 +102,11 @@ def cross_planes(state, reach, receivers, tally):
         )  # fmt: skip
         if cell >= 0:
             cell += receivers.first_cell[r]
-            tally.counts[cell] += 1
-            tally.fluence[cell] += steep
-            tally.squares[cell] += steep * steep
+            sums = tally.sums[cell]
+            sums[0] += 1.0
+            sums[1] += 1.0
+            sums[2] += steep
+            sums[3] += steep * steep
             found += 1
     return found
 
@@ -139,7 +139,7 @@ def seen_aside(state, step, qx, qy, qz, skip, normals, facet, tree):
         if not ((qx - px) * nx + (qy - py) * ny + (qz - pz) * nz) * ahead > 0.0:
             return False
     px, py, pz = px + step * state[beam.DX], py + step * state[beam.DY], pz + step * state[beam.DZ]
-    _, place, _ = nearest(px, py, pz, qx - px, qy - py, qz - pz, 0.0, 1.0, skip, skip, facet, tree)
+    _, place, _ = nearest(px, py, pz, qx - px, qy - py, qz - pz, 0.0, 1.0, (np.int64(skip), NO), facet, tree)
     return place < 0
 
 
@@ -159,7 +159,7 @@ def edges_near(state, near, far, table, openings, tree, candidates, places):
     for n in range(found):
         for side in range(3):
             e = table.at[places[n], side]
-            if e >= 0 and openings.bare[e]:
+            if e >= 0 and openings.bare[e] and not holds(candidates, count, e):
                 candidates[count] = e
                 count += 1
     return count, places
@@ -257,7 +257,7 @@ def _walk(run, rules, source, wavelength, tree, facets, openings, table, materia
                 qx, qy, qz = cross_section_point(k0, k1, path, counter, state, depth, z_ray + hit)
                 counter += _ONE
                 _, other, _ = nearest(
-                    qx, qy, qz, state[beam.MX], state[beam.MY], state[beam.MZ], 0.0, far - depth, -1, -1, facet, tree,
+                    qx, qy, qz, state[beam.MX], state[beam.MY], state[beam.MZ], 0.0, far - depth, (NO, NO), facet, tree,
                 )  # fmt: skip
                 if other < 0 and seen_aside(state, depth - z_ray, qx, qy, qz, skip, normals, facet, tree):
                     passed = cross_planes(state, depth - z_ray, receivers, tally)

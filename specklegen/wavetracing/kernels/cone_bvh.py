@@ -195,6 +195,15 @@ def lay_out(vertices, faces, order, corners):
                 corners[place, 3 * v + c] = vertices[faces[order[place], v], c]
 
 
+def tree_over(vertices, faces):
+    """Return the Tree over faces int32[n, 3], and int32[n], the face that stands at each place of the leaves."""
+    nodes, order = node_count(len(faces)), np.empty(len(faces), np.int32)
+    tree = Tree(np.empty((nodes, 6)), np.empty(nodes, np.int32), np.empty((len(faces), 9)))
+    build(vertices, faces, tree.boxes, tree.link, order)
+    lay_out(vertices, faces, order, tree.corners)
+    return tree, order
+
+
 @spliced
 def _box(cone, span, slack, slack_y, near, far, boxes, node):
     lx, ux, ly, uy, lz, uz = span

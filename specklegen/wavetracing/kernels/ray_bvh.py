@@ -12,6 +12,8 @@ import numpy as np
 from specklegen.kernels import inlined, kernel
 from specklegen.wavetracing.kernels.cone_bvh import DEPTH, LEAF, next_waiting
 
+NO = np.int64(-1)
+"""No facet, to be skipped by a ray."""
 _HUGE = 1e300  # one over a component that is zero: products stay defined, 0 * huge = 0
 
 
@@ -69,10 +71,10 @@ def _ray_triangle(ray, corners, f):
 
 
 @kernel
-def nearest(px, py, pz, dx, dy, dz, near, far, skip, other, facet, tree):
+def nearest(px, py, pz, dx, dy, dz, near, far, skip, facet, tree):
     """Nearest triangle on a ray in (near, far]: distance, place (-1: none), nodes visited.
 
-    skip  : facet whose triangles are not met, for a ray that starts on it, nor those of ``other``; -1 for none
+    skip  : tuple of facets whose triangles are not met, for a ray that starts or ends on them; -1 for none
     facet : int32[n], the plane facet that each place belongs to
     """
     boxes, link, corners = tree
@@ -90,8 +92,11 @@ def nearest(px, py, pz, dx, dy, dz, near, far, skip, other, facet, tree):
             first = -1 - link[node]
             for f in range(first, min(first + LEAF, corners.shape[0])):
                 t = _ray_triangle(ray, corners, f)
-                if t > near and t < math.inf and (skip < 0 or (facet[f] != skip and facet[f] != other)):
-                    if t < best or (t == best and place < 0):
+                if t > near and (t < best or (t == best and place < 0 and t < math.inf)):
+                    met = True
+                    for one_of in skip:
+                        met = met and (one_of < 0 or facet[f] != one_of)
+                    if met:
                         best, place = t, f
         else:
             left, right = node + 1, link[node]
@@ -118,7 +123,7 @@ def nearest_of(origins, directions, near, facet, tree, distance, place):
     for n in range(origins.shape[0]):
         distance[n], place[n], count = nearest(
             origins[n, 0], origins[n, 1], origins[n, 2], directions[n, 0], directions[n, 1], directions[n, 2],
-            near, math.inf, -1, -1, facet, tree,
+            near, math.inf, (NO, NO), facet, tree,
         )  # fmt: skip
         visited += count
     return visited

@@ -18,8 +18,8 @@ from specklegen.kernels import inlined, kernel
 from specklegen.wavetracing.kernels import beam_state as beam
 from specklegen.wavetracing.kernels.beam_state import CONE_AT
 from specklegen.wavetracing.kernels.cones import CONE, edge_interval
-from specklegen.wavetracing.kernels.edge_waves import LENGTH, WEDGE, along, turn
-from specklegen.wavetracing.kernels.ray_bvh import nearest
+from specklegen.wavetracing.kernels.edge_geometry import LENGTH, WEDGE, along, turn
+from specklegen.wavetracing.kernels.ray_bvh import NO, nearest
 
 KEPT = 32
 """Sheets that a beam remembers."""
@@ -285,7 +285,7 @@ def pass_edge(state, hit, ahead, candidates, count, table, facets, tree, memory,
         x, y, z = px + best * dx, py + best * dy, pz + best * dz
         qx, qy, qz = along(table.edges[chosen], _nearest_point(table.edges[chosen], x, y, z, 0.0, 0.0, 0.0))
         _, place, _ = nearest(
-            x, y, z, qx - x, qy - y, qz - z, 0.0, 1.0 - 1e-7, plane, plane, facets.facet, tree
+            x, y, z, qx - x, qy - y, qz - z, 0.0, 1.0 - 1e-7, (np.int64(plane), NO), facets.facet, tree
         )
         if place < 0:
             break
