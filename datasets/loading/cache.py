@@ -67,11 +67,9 @@ class SpeckleCache(Dataset, Pictured):
     """
 
     def __init__(
-        self,
-        folder: str | os.PathLike,
-        missing: Literal["raise", "render"] = "raise",
+        self, folder: str | os.PathLike, missing: Literal["raise", "render"] = "raise",
         recipe: Renderable | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         choice("SpeckleCache.missing", missing, ("raise", "render"))
         if missing == "render" and recipe is None:
             reject("SpeckleCache.recipe", "given where missing samples are to be rendered", recipe)
@@ -242,16 +240,9 @@ class ShuffledCache(EpochBatches):
     """
 
     def __init__(
-        self,
-        cache: SpeckleCache,
-        batch_size: int = 32,
-        seed: int = 0,
-        buffer_shards: int = 4,
-        *,
-        rank: int | None = None,
-        world: int | None = None,
-        drop_last: bool = False,
-    ) -> None:
+        self, cache: SpeckleCache, batch_size: int = 32, seed: int = 0, buffer_shards: int = 4, *,
+        rank: int | None = None, world: int | None = None, drop_last: bool = False,
+    ) -> None:  # fmt: skip
         super().__init__(len(instance("ShuffledCache.cache", cache, SpeckleCache)), batch_size, rank, world, drop_last)
         self.cache, self.seed = cache, whole_number("ShuffledCache.seed", seed)
         self.buffer_shards = whole_number("ShuffledCache.buffer_shards", buffer_shards, 1)

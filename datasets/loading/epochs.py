@@ -35,10 +35,9 @@ class Batch(dict):
 
 
 def _refuse_to_batch_again(batches: list, **_: Any) -> NoReturn:
-    reject(
-        "DataLoader.batch_size", "None: the batches are made in the data set", f"{len(batches)} batches to be joined",
-        "Use stream.loader(num_workers=...), or DataLoader(stream, batch_size=None).",
-    )  # fmt: skip
+    reject("DataLoader.batch_size", "None: the batches are made in the data set",
+           f"{len(batches)} batches to be joined",
+           "Use stream.loader(num_workers=...), or DataLoader(stream, batch_size=None).")  # fmt: skip
 
 
 default_collate_fn_map[Batch] = _refuse_to_batch_again
@@ -56,13 +55,8 @@ class EpochBatches(IterableDataset):
     """Whether a loader goes through the same epoch again and again unless told otherwise."""
 
     def __init__(
-        self,
-        length: int,
-        batch_size: int,
-        rank: int | None = None,
-        world: int | None = None,
-        drop_last: bool = False,
-    ) -> None:
+        self, length: int, batch_size: int, rank: int | None = None, world: int | None = None, drop_last: bool = False,
+    ) -> None:  # fmt: skip
         here_rank, here_world = distributed_place()
         owner = type(self).__name__
         self.length, self.drop_last = length, flag(f"{owner}.drop_last", drop_last)

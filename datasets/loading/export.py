@@ -16,11 +16,9 @@ from specklegen.datasets.loading.parquet import write_parquet
 
 
 def export(
-    folder: str | os.PathLike,
-    out: str | os.PathLike,
-    format: Literal["npy", "png", "parquet"] = "npy",
+    folder: str | os.PathLike, out: str | os.PathLike, format: Literal["npy", "png", "parquet"] = "npy",
     samples: Sequence[int] | None = None,
-) -> list[Path]:
+) -> list[Path]:  # fmt: skip
     """Write samples of a store as files, with a table of their indices, seed and parameters.
 
     "npy" writes one array a key, ``<key>.npy``, with the samples along the first axis. "png" writes one

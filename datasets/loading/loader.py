@@ -69,15 +69,9 @@ class EpochLoader:
     """
 
     def __init__(
-        self,
-        batches: EpochBatches,
-        num_workers: int = 0,
-        *,
-        repeat: bool | None = None,
-        pin_memory: bool | None = None,
-        timeout: float = 0,
-        prefetch_factor: int = 2,
-    ) -> None:
+        self, batches: EpochBatches, num_workers: int = 0, *, repeat: bool | None = None,
+        pin_memory: bool | None = None, timeout: float = 0, prefetch_factor: int = 2,
+    ) -> None:  # fmt: skip
         self.batches, self.num_workers = batches, whole_number("loader.num_workers", num_workers)
         self._source = _FromBatch(batches)
         self.repeat = batches.repeats if repeat is None else repeat
@@ -138,10 +132,8 @@ class EpochLoader:
             batches = iter(self._loader)
         while True:
             if turn != self._turn:
-                reject(
-                    "loader", "iterated over once at a time", "a second iteration, begun before this one had ended",
-                    "Make a loader for each.",
-                )  # fmt: skip
+                reject("loader", "iterated over once at a time", "a second iteration, begun before this one had ended",
+                       "Make a loader for each.")  # fmt: skip
             try:
                 batch = next(batches)
             except StopIteration:
@@ -199,12 +191,9 @@ class EpochLoader:
         if sample == self.batches.length or state["next_batch"] == _rounds(self.batches, state):
             number, inside = len(self.batches), 0
         if inside:
-            reject(
-                "loader.state",
-                f"at the end of a round of {here['world']} ranks × {here['batch_size']} samples",
-                f"sample {sample}",
-                f"Resume with {state['world']} ranks and batches of {state['batch_size']}.",
-            )
+            reject("loader.state", f"at the end of a round of {here['world']} ranks × {here['batch_size']} samples",
+                   f"sample {sample}",
+                   f"Resume with {state['world']} ranks and batches of {state['batch_size']}.")  # fmt: skip
         if moved:
             warn_user(
                 f"the position was saved on {there!r} and goes on on {kind!r}: the same samples, rounded differently",

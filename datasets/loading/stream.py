@@ -89,20 +89,10 @@ class SpeckleStream(EpochBatches):
     """
 
     def __init__(
-        self,
-        recipe: Renderable,
-        seed: int = 0,
-        split: str = "train",
-        batch_size: int = 32,
-        *,
-        rank: int | None = None,
-        world: int | None = None,
-        drop_last: bool = False,
-        device: str | torch.device = "cpu",
-        graphs: bool = True,
-        cache: str | os.PathLike | None = None,
-        cache_limit: int | None = None,
-    ) -> None:
+        self, recipe: Renderable, seed: int = 0, split: str = "train", batch_size: int = 32, *, rank: int | None = None,
+        world: int | None = None, drop_last: bool = False, device: str | torch.device = "cpu", graphs: bool = True,
+        cache: str | os.PathLike | None = None, cache_limit: int | None = None,
+    ) -> None:  # fmt: skip
         if not isinstance(recipe, Renderable):
             reject("SpeckleStream.recipe", "a recipe", recipe, "Read one with load_recipe.")
         super().__init__(recipe.length(split), batch_size, rank, world, drop_last)
@@ -119,10 +109,8 @@ class SpeckleStream(EpochBatches):
 
     def __repr__(self) -> str:
         name = getattr(self.recipe, "name", type(self.recipe).__name__)
-        return summary(
-            self, recipe=name, seed=self.seed, split=self.split, batches=len(self), batch_size=self.batch_size,
-            epoch=self.epoch, device=str(self.device),
-        )  # fmt: skip
+        return summary(self, recipe=name, seed=self.seed, split=self.split, batches=len(self),
+                       batch_size=self.batch_size, epoch=self.epoch, device=str(self.device))  # fmt: skip
 
     def indices(self, epoch: int, number: int) -> range:
         """Return the indices of the samples in batch ``number`` of this rank."""
@@ -204,12 +192,8 @@ class SpeckleStream(EpochBatches):
 
     def _require_no_workers(self, num_workers: int) -> None:
         if num_workers and self.device.type != "cpu":
-            reject(
-                "loader.num_workers",
-                f'0 for a stream with device="{self.device}"',
-                num_workers,
-                'The device renders in the training process; workers are for device="cpu".',
-            )
+            reject("loader.num_workers", f'0 for a stream with device="{self.device}"', num_workers,
+                   'The device renders in the training process; workers are for device="cpu".')  # fmt: skip
 
     def identity(self) -> dict[str, Any]:
         """Return seed, split, length of an epoch, fingerprint, data version and kind of device."""

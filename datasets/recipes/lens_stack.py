@@ -115,10 +115,8 @@ class LensStack(Recipe):
     def layout(self) -> Mapping[str, ArraySpec]:
         """Shape, type, axes and unit of every array of a sample."""
         shape = (self.lens.planes, *self.camera_shape)
-        focus = ArraySpec(
-            shape=(self.lens.planes,), dtype="float64", dims=("plane",), units="length",
-            description="distance of the plane in focus behind the exit face",
-        )  # fmt: skip
+        focus = ArraySpec(shape=(self.lens.planes,), dtype="float64", dims=("plane",), units="length",
+                          description="distance of the plane in focus behind the exit face")  # fmt: skip
         return {
             "stack": self.observation(shape, ("plane", "y", "x"), "one image a plane in focus"),
             "focus": focus, "parameters": PARAMETERS,
@@ -205,11 +203,9 @@ class LensStack(Recipe):
 
     def requests(self, media: "LensMedia") -> list[tuple[list[int], MediaRequest]]:  # type: ignore[override]
         """What is asked of path sums for one medium."""
-        request = MediaRequest(
-            sight=media.sight, correlations=Tabulated([]), light=None, tolerance=0.0, media=(),
-            units=torch.tensor([media.unit], dtype=torch.float64), shared=False, contrast=media.contrast,
-            planes=media.lenses,
-        )  # fmt: skip
+        request = MediaRequest(sight=media.sight, correlations=Tabulated([]), light=None, tolerance=0.0, media=(),
+                               units=torch.tensor([media.unit], dtype=torch.float64), shared=False,
+                               contrast=media.contrast, planes=media.lenses)  # fmt: skip
         return [([0], request)]
 
     def path_scene(self, media: "LensMedia", place: int) -> Scene:  # type: ignore[override]  # noqa: ARG002

@@ -382,11 +382,9 @@ class RecipeMedia(Specification):
             assert self.camera is not None
             pitch = self.wavelength / (width * self.camera.pixels_per_grain)
         bound = self._most_cells if drawn.device.type != "cpu" or self._on_one_grid else None
-        return Sight(
-            wavelength=self.wavelength, profile=self.profile, shape=shape, camera=self.camera_shape, center=(0.0, 0.0),
-            integrated=self.lab is not None or self.exposure is not None, width=width, object_pitch=object_pitch,
-            camera_pitch=pitch, base=base, bound=bound,
-        )  # fmt: skip
+        return Sight(wavelength=self.wavelength, profile=self.profile, shape=shape, camera=self.camera_shape,
+                     center=(0.0, 0.0), integrated=self.lab is not None or self.exposure is not None, width=width,
+                     object_pitch=object_pitch, camera_pitch=pitch, base=base, bound=bound)  # fmt: skip
 
     @property
     def _on_one_grid(self) -> bool:

@@ -384,10 +384,8 @@ class Specification(Registered, Pictured):
         if self.exposure is None:
             return ArraySpec(shape=shape, dims=dims, description=f"{what}, intensity over its expected value")
         counts = self.exposure.bit_depth is not None
-        return ArraySpec(
-            shape=shape, dims=dims, dtype="uint16" if counts else "float32", counts=counts, units="counts",
-            description=f"{what}, counts",
-        )  # fmt: skip
+        return ArraySpec(shape=shape, dims=dims, dtype="uint16" if counts else "float32", counts=counts, units="counts",
+                         description=f"{what}, counts")  # fmt: skip
 
     def split_notes(self) -> str:
         """Say what the splits share, in Markdown sentences for the data card."""

@@ -62,16 +62,9 @@ def opened(
 
 
 def open_for(
-    recipe: Renderable,
-    seed: int,
-    split: str,
-    dtype: str,
-    folder: Path,
-    samples: int,
-    shard_samples: int | None,
-    notes: str = "",
-    part: tuple[int, int] = (0, 1),
-) -> Share:
+    recipe: Renderable, seed: int, split: str, dtype: str, folder: Path, samples: int, shard_samples: int | None,
+    notes: str = "", part: tuple[int, int] = (0, 1),
+) -> Share:  # fmt: skip
     """Open the store of this recipe at ``folder``, made or grown as needed, for part i of n of its shards.
 
     Of the ledger the lines of the part alone are read.
@@ -136,12 +129,8 @@ def require_same(store: Store, wanted: Mapping[str, Any]) -> None:
 def _require_same(folder: Path, attributes: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
     fields = differences(attributes["identity"], wanted)
     if fields or attributes["fingerprint"] != fingerprint(wanted):
-        reject(
-            "generate.folder",
-            "a new folder, or a store of the same recipe, seed, split and type",
-            str(folder),
-            f"It differs in {'; '.join(fields) or 'its fingerprint'}. Choose another folder, or agree.",
-        )
+        reject("generate.folder", "a new folder, or a store of the same recipe, seed, split and type", str(folder),
+               f"It differs in {'; '.join(fields) or 'its fingerprint'}. Choose another folder, or agree.")  # fmt: skip
 
 
 def grown(store: Store, samples: int) -> Store:
@@ -195,13 +184,8 @@ def _write_all(folder: Path, layout: metadata.Metadata, recipe: Renderable) -> N
 
 
 def _create(
-    recipe: Renderable,
-    wanted: dict[str, Any],
-    folder: Path,
-    samples: int,
-    shard_samples: int | None,
-    notes: str,
-) -> None:
+    recipe: Renderable, wanted: dict[str, Any], folder: Path, samples: int, shard_samples: int | None, notes: str,
+) -> None:  # fmt: skip
     """Make an empty store under a temporary name, then rename it; of several at once, one wins."""
     layout = layout_of(recipe, wanted, samples, shard_samples, notes)
     with writing(folder):

@@ -93,9 +93,8 @@ def _client(cluster: "str | Client | Cluster") -> Iterator["Client"]:
     try:
         from distributed import Client
     except ImportError:
-        reject(
-            "generate.cluster", "used with the extra dask installed", cluster, "pip install 'specklegen-torch[dask]'"
-        )  # fmt: skip
+        reject("generate.cluster", "used with the extra dask installed", cluster,
+               "pip install 'specklegen-torch[dask]'")  # fmt: skip
     if isinstance(cluster, Client):
         yield cluster
         return

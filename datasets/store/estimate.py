@@ -28,15 +28,9 @@ _COPIES = 2
 
 
 def estimate(
-    recipe: Renderable,
-    samples: int,
-    seed: int = 0,
-    split: str = "train",
-    *,
-    dtype: str = "uint16",
-    shard_samples: int | None = None,
-    processes: int | None = None,
-) -> dict[str, Any]:
+    recipe: Renderable, samples: int, seed: int = 0, split: str = "train", *, dtype: str = "uint16",
+    shard_samples: int | None = None, processes: int | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Predict the cost of :func:`specklegen.datasets.store.generate.generate` with the same arguments.
 
     Up to 64 samples are rendered and stored in a temporary folder, as many as a few seconds allow. A medium that many
@@ -81,15 +75,9 @@ def estimate(
 
 
 def foreseen(
-    recipe: Renderable,
-    samples: int,
-    folder: str | os.PathLike,
-    seed: int = 0,
-    split: str = "train",
-    *,
-    processes: int | None = None,
-    anyway: bool = False,
-) -> str:
+    recipe: Renderable, samples: int, folder: str | os.PathLike, seed: int = 0, split: str = "train", *,
+    processes: int | None = None, anyway: bool = False,
+) -> str:  # fmt: skip
     """Say what storing so many more samples in a folder will cost; nothing where that is seconds and little room.
 
     Raises

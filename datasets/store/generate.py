@@ -41,20 +41,11 @@ _POOL_RESTARTS = 2
 
 
 def generate(
-    recipe: Renderable,
-    seed: int = 0,
-    split: str = "train",
-    *,
-    samples: int,
-    folder: str | os.PathLike,
-    dtype: str = "uint16",
-    shard_samples: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    processes: int | None = None,
-    shard_range: tuple[int, int] = (0, 1),
-    cluster: "str | Client | Cluster | None" = None,
-    notes: str = "",
-) -> dict[str, Any]:
+    recipe: Renderable, seed: int = 0, split: str = "train", *, samples: int, folder: str | os.PathLike,
+    dtype: str = "uint16", shard_samples: int | None = None, progress: Callable[[int, int], None] | None = None,
+    processes: int | None = None, shard_range: tuple[int, int] = (0, 1),
+    cluster: "str | Client | Cluster | None" = None, notes: str = "",
+) -> dict[str, Any]:  # fmt: skip
     """Fill the store at ``folder`` with samples 0 to ``samples`` - 1, keeping those that are there.
 
     Parameters

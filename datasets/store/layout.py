@@ -52,10 +52,8 @@ def layout_of(
     rows = min(shard_samples or default_shard_samples(samples, size), samples)
     metadata.require_bounded("generate.samples", samples, rows)
     each = sum(math.prod(spec.shape) * types[key].itemsize for key, spec in arrays.items())
-    require_memory(
-        "generate.shard_samples", "held", rows * each, f"{rows} samples of a shard",
-        "Choose smaller shards, or a recipe of fewer pixels.",
-    )  # fmt: skip
+    require_memory("generate.shard_samples", "held", rows * each, f"{rows} samples of a shard",
+                   "Choose smaller shards, or a recipe of fewer pixels.")  # fmt: skip
     attributes = {
         "format": metadata.FORMAT,
         "title": recipe.name,

@@ -181,10 +181,8 @@ def reject_strangers(folder: Path) -> None:
     if content is not None and not str(stated).startswith("specklegen store"):
         reject("store.folder", "a folder that holds a store", str(folder), "Make one with generate.")
     if content is not None and stated != FORMAT:
-        reject(
-            "store.folder", f"a {FORMAT}", f"{folder}, a {stated}",
-            "Generate it again in a new folder, from the recipe and the seed in its zarr.json.",
-        )  # fmt: skip
+        reject("store.folder", f"a {FORMAT}", f"{folder}, a {stated}",
+               "Generate it again in a new folder, from the recipe and the seed in its zarr.json.")  # fmt: skip
 
 
 def _json(file: Path) -> Any:
@@ -236,8 +234,6 @@ def stated(folder: Path) -> tuple[dict[str, Any], int]:
         if not isinstance(attributes["shard_samples"], int) or attributes["shard_samples"] < 1 or samples < 1:
             raise ValueError
     except (KeyError, TypeError, ValueError, IndexError):
-        reject(
-            "store metadata", f"readable, in valid/record.json or else in every zarr.json of {folder}", "neither",
-            "Generate the samples again in a new folder.",
-        )  # fmt: skip
+        reject("store metadata", f"readable, in valid/record.json or else in every zarr.json of {folder}", "neither",
+               "Generate the samples again in a new folder.")  # fmt: skip
     return attributes, samples

@@ -101,13 +101,8 @@ class ShardFiles:
     """
 
     def __init__(
-        self,
-        folder: Path,
-        sample_shape: tuple[int, ...],
-        dtype: np.dtype,
-        shard_samples: int,
-        compressed: bool,
-    ) -> None:
+        self, folder: Path, sample_shape: tuple[int, ...], dtype: np.dtype, shard_samples: int, compressed: bool,
+    ) -> None:  # fmt: skip
         self._folder, self._shape = folder, sample_shape
         self._dtype, self._shard_samples, self._compressed = (
             dtype.newbyteorder("<"),

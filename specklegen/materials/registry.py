@@ -108,11 +108,9 @@ def get(
     if not extinction > 0:
         reject(f"materials.get({name!r})", "given numbers that scatter light", given)
     scatterer = marked(material.scatterer.model_copy(), Mark(unit))  # which says the unit of all that is made of it
-    return BulkMaterial(
-        name=name, scatterer=scatterer, mean_free_path=micrometre / extinction,
-        albedo=material.scattering / extinction, refractive_index=material.refractive_index,
-        wavelength=wavelength * micrometre / material.refractive_index,
-    )  # fmt: skip
+    return BulkMaterial(name=name, scatterer=scatterer, mean_free_path=micrometre / extinction,
+                        albedo=material.scattering / extinction, refractive_index=material.refractive_index,
+                        wavelength=wavelength * micrometre / material.refractive_index)  # fmt: skip
 
 
 def known_wavelength(name: str, wavelength: float) -> float:

@@ -341,10 +341,8 @@ class IncoherentObject(Light):
     def _check(self) -> Self:
         if self.brightness.ndim != 2 or self.brightness.size == 0:
             reject("IncoherentObject.brightness", "an array of shape (h, w)", self.brightness.shape)
-        require_memory(
-            "IncoherentObject.brightness", "held", 100.0 * self.brightness.size, f"{self.brightness.shape} pixels",
-            "Each is a beam of its own: use fewer.",
-        )  # fmt: skip
+        require_memory("IncoherentObject.brightness", "held", 100.0 * self.brightness.size,
+                       f"{self.brightness.shape} pixels", "Each is a beam of its own: use fewer.")  # fmt: skip
         if (self.brightness < 0).any():
             reject("IncoherentObject.brightness", "at least 0 everywhere", float(self.brightness.min()))
         require_corner("IncoherentObject", self.brightness.shape, self.pitch)

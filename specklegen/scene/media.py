@@ -171,10 +171,8 @@ def as_slab(medium: PlaneMedium) -> Slab | None:
     if len(layers) > 1:
         return None
     (one,) = layers
-    return Slab(
-        thickness=one.thickness, mean_free_path=one.mean_free_path, albedo=one.albedo, scatterer=one.scatterer,
-        faces=medium.faces, motion=one.motion, polarisation=medium.polarisation,
-    )  # fmt: skip
+    return Slab(thickness=one.thickness, mean_free_path=one.mean_free_path, albedo=one.albedo, scatterer=one.scatterer,
+                faces=medium.faces, motion=one.motion, polarisation=medium.polarisation)  # fmt: skip
 
 
 class Box(_Bounded):

@@ -156,11 +156,9 @@ class FarField(Sensor):
     @staticmethod
     @with_units
     def grid(
-        shape: tuple[int, int],
-        pitch: Annotated[float, SINE],
-        center: tuple[Annotated[float, SINE], Annotated[float, SINE]] = (0.0, 0.0),
-        side: Side = "transmission",
-    ) -> "FarFieldGrid":
+        shape: tuple[int, int], pitch: Annotated[float, SINE],
+        center: tuple[Annotated[float, SINE], Annotated[float, SINE]] = (0.0, 0.0), side: Side = "transmission",
+    ) -> "FarFieldGrid":  # fmt: skip
         """Views on a regular grid of direction sines, a :class:`FarFieldGrid`.
 
         Parameters

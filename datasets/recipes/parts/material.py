@@ -218,10 +218,8 @@ class Material(Value):
         faces: Faces = Faces(),  # noqa: B008
     ) -> Slab:
         """Slab of the engine."""
-        return Slab(
-            thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo, scatterer=scatterer,
-            faces=faces,
-        )  # fmt: skip
+        return Slab(thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo, scatterer=scatterer,
+                    faces=faces)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -45,10 +45,8 @@ class Tilts(Value):
         reach = float(self.count - 1) * max(map(abs, ends(self.step)))
         last = reach * np.array([[np.cos(a), np.sin(a)] for a in self._azimuths()])
         if np.abs(last).max() >= np.pi / 2 or np.square(np.sin(last)).sum(1).max() >= 1:
-            reject(
-                "Tilts.step", f"radians such that tilt {self.count - 1} leans less than 90 degrees", self.step,
-                "Use a smaller step or fewer tilts; 1 degree is 0.01745.",
-            )  # fmt: skip
+            reject("Tilts.step", f"radians such that tilt {self.count - 1} leans less than 90 degrees", self.step,
+                   "Use a smaller step or fewer tilts; 1 degree is 0.01745.")  # fmt: skip
         return self
 
     def _azimuths(self) -> list[float]:
@@ -89,7 +87,5 @@ class Tilts(Value):
     @property
     def layout(self) -> ArraySpec:
         """Layout of the tilts of a sample."""
-        return ArraySpec(
-            shape=(self.count, 2), dtype="float64", dims=("tilt", "axis"), units="rad",
-            description="tilt of the illumination from the axis along x and y",
-        )  # fmt: skip
+        return ArraySpec(shape=(self.count, 2), dtype="float64", dims=("tilt", "axis"), units="rad",
+                         description="tilt of the illumination from the axis along x and y")  # fmt: skip

@@ -102,10 +102,8 @@ class Scatterer(Admitted, Pictured):
         """The phase function |s|^2 in space, per steradian, over the scattering angle."""
         angles = np.linspace(0, np.pi, 721)
         power = sum(share * np.abs(each.amplitude(np.cos(angles))) ** 2 for each, share in self.components)
-        draw_curve(
-            axes, np.rad2deg(angles), power, label=label, fmt="-", xlabel="scattering angle, degrees",
-            ylabel="phase function, 1 / sr", yscale="log",
-        )  # fmt: skip
+        draw_curve(axes, np.rad2deg(angles), power, label=label, fmt="-", xlabel="scattering angle, degrees",
+                   ylabel="phase function, 1 / sr", yscale="log")  # fmt: skip
 
     def shape(self, cos: np.ndarray, dimensions: Dimensions = 3) -> np.ndarray:
         """Amplitude at cosines float64[...], real or complex, up to a factor: what a subclass says."""
