@@ -16,7 +16,7 @@ from specklegen.cli import cached_plans
 from specklegen.cli.cached_plans import cached_answer, caching, name_of_answer
 from specklegen.core import libraries
 
-ENGINES = ("numba", "torch", "scipy", "finufft", "zarr")
+ENGINES = ("numba", "torch", "scipy", "finufft")
 PROGRAM = f"""
 import sys
 from pathlib import Path

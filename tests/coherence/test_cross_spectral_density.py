@@ -341,34 +341,22 @@ def test_copula_refuses_what_is_no_schell_model():
 
 @pytest.mark.parametrize(("call", "message"), [
     (lambda: gaussian_schell_model(line(3), -1.0), "coherence_length must be at least 0; got -1.0"),
-    (lambda: gaussian_schell_model(line(3), math.nan), "coherence_length must be at least 0"),
     (lambda: gaussian_schell_model(np.eye(3), 1.0), "a list of at least one position"),
     (lambda: gaussian_schell_model(line(3), 9.0, np.ones(2)), "3 numbers, one a position"),
     (lambda: coherent_modes(np.ones((2, 3))), "a square matrix"),
     (lambda: coherent_modes(np.array([[1, 1j], [1j, 1]])), "Hermitian"),
-    (lambda: coherent_modes(np.full((2, 2), math.nan)), "W0 must be finite everywhere"),
     (lambda: coherent_modes(np.eye(3), n_modes=0), "n_modes must be at least 1 and at most 3; got 0"),
-    (lambda: coherent_modes(np.eye(3), n_modes=4), "n_modes must be at least 1 and at most 3; got 4"),
     (lambda: coherent_modes(np.eye(3), energy=1.01), "greater than 0 and at most 1"),
     (lambda: separable_coherent_modes(np.eye(2), np.diag([1, -1.0])), "W0_x must be positive"),
     (lambda: number_of_modes(-1.0), "at least 0 and finite"),
     (lambda: number_of_modes(1.0, 1.0), "less than 1; got 1.0. A finite share"),
     (lambda: sample_fields(np.eye(2), 0, seed=0), "n must be at least 1; got 0"),
     (lambda: sample_fields(np.eye(2), 1, "svd", seed=0), 'one of "kl", "copula"'),  # type: ignore[arg-type]
-    (lambda: sample_fields(np.eye(2), 1.5, seed=0), "n must be a whole number; got 1.5"),  # type: ignore[arg-type]
-    (lambda: gaussian_schell_model(HOLED, 9.0), "x must be finite everywhere"),
     (lambda: gaussian_schell_model(line(3), 9.0, HOLED), "amplitude must be finite everywhere"),
-    (lambda: gaussian_schell_model(line(3), "x"), "coherence_length must be a number"),  # type: ignore[arg-type]
-    (lambda: coherent_modes(np.eye(3), energy=None), "energy must be a number"),  # type: ignore[arg-type]
-    (lambda: effective_modes(np.full((2, 2), math.nan)), "effective_modes W must be finite everywhere"),
     (lambda: speckle_contrast(np.zeros((2, 2))), "of a trace above 0: of some light; got 0.0"),
-    (lambda: spectral_density(np.ones((2, 3))), "spectral_density W must be a square matrix"),
     (lambda: spectral_degree_of_coherence(np.diag(HOLED)), "finite everywhere"),
     (lambda: propagate_csd(np.ones((2, 4)), np.eye(3)), "a response to the 3 points of W0 along its last axis"),
     (lambda: propagate_csd(np.diag(HOLED), np.eye(3)), "propagate_csd G must be finite everywhere"),
-    (lambda: propagate_csd(np.eye(3), np.diag(HOLED)), "propagate_csd W0 must be finite everywhere"),
-    (lambda: propagate_csd(np.array([["x"]]), np.eye(1)), "propagate_csd G must be an array of numbers"),
-    (lambda: intensity_from_modes(np.eye(3), np.eye(3), HOLED), "eigenvalues must be finite everywhere"),
     (lambda: intensity_from_modes(np.eye(3), np.eye(3), -line(3)), "3 powers of at least 0, one a mode"),
     (lambda: intensity_from_modes(np.ones((2, 4)), np.eye(3), np.ones(3)), "the 3 points of modes"),
 ])  # fmt: skip

@@ -117,12 +117,8 @@ def test_phase_keeps_its_digits_at_large_distances():
 @pytest.mark.parametrize(("call", "message"), [
     (lambda: axial_focus(z=(-200.0, 1.0)), "detector.z must be greater than -focal_length = -200; got -200.0."),
     (lambda: AxialDetector(z=np.zeros(0), pixel_width=1), "AxialDetector.z must be a list of at least one distance"),
-    (lambda: AxialDetector(z=np.array(0.0), pixel_width=1), "AxialDetector.z must be a list of at least one distance"),
     (lambda: TransverseDetector(half_width=0, n_pixels=3), "half_width must be greater than 0.0; got 0."),
-    (lambda: TransverseDetector(half_width=1, n_pixels=0), "n_pixels must be at least 1; got 0."),
     (lambda: focus(n_source=0), "CylindricalFocus.n_source must be at least 1; got 0."),
-    (lambda: focus(half_aperture=-1.0), "CylindricalFocus.half_aperture must be greater than 0"),
-    (lambda: focus().replace(wavelength=math.nan), "CylindricalFocus.wavelength must be"),
     (lambda: focus().monte_carlo(0, seed=0), "n_rays must be at least 1 and at most 4611686018427387904; got 0."),
     (lambda: focus().monte_carlo(10, "sobol", seed=0), 'one of "stratified", "uniform"'),  # type: ignore[arg-type]
     (lambda: axial_focus().monte_carlo(10**5, "uniform", seed=0), "'stratified' for an AxialDetector"),

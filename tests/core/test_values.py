@@ -41,19 +41,13 @@ NAN, INF = float("nan"), float("inf")
 
 # What is built, and what its message must say: the field, the rule, the value, and where there is one the remedy.
 REFUSED = {
-    "negative thickness": (lambda: slab(thickness=-1.0), ["Slab.thickness", "at least 0", "-1.0"]),
-    "nan thickness": (lambda: slab(thickness=NAN), ["Slab.thickness", "finite", "nan"]),
-    "text for a length": (lambda: slab(thickness="thick"), ["Slab.thickness", "a number", "'thick'"]),
     "missing field": (lambda: sg.Slab(thickness=1.0, scatterer=sg.Isotropic()), ["Slab.mean_free_path", "given"]),
     "unknown field": (lambda: slab(thicknes=2.0), ["Slab.thicknes", "there is no such field", "2.0"]),
     "unknown scatterer": (lambda: slab(scatterer={"type": "Dipoles"}), ["Slab.scatterer", "Isotropic", "Dipoles"]),
-    "scatterer a number": (lambda: slab(scatterer=0.9), ["Slab.scatterer", "0.9"]),
     "g = 1": (lambda: sg.HenyeyGreenstein(g=1.0), ["HenyeyGreenstein.g", "-1 and 1, both excluded", "1.0", "0.999"]),
     "medium not one": (lambda: scene(medium=3), ["Scene.medium", "3"]),
     "plane wave on a slab": (lambda: scene(illumination=sg.PlaneWaves(directions=[AXIS])),
                              ["Scene.illumination", "limited sideways", "PlaneWaves", "CollimatedBeams"]),
-    "direction not unit": (lambda: sg.CollimatedBeams(directions=[[0.0, 0.1, 1.0]], width=1.0),
-                           ["CollimatedBeams.directions", "unit vectors", "0.1", "Divide"]),
     "directions of one axis": (lambda: sg.CollimatedBeams(directions=AXIS, width=1.0),
                                ["CollimatedBeams.directions", "(T, 3)", "(3,)"]),
     "flatland and space": (
@@ -62,8 +56,6 @@ REFUSED = {
     ),
     "beam from behind": (lambda: sg.CollimatedBeams(directions=[[0.0, 0.0, -1.0]], width=1.0),
                          ["CollimatedBeams.directions", "towards +z", "-1.", "smallest z"]),
-    "beam along the face": (lambda: sg.CollimatedBeams(directions=[[1.0, 0.0, 0.0]], width=1.0),
-                            ["CollimatedBeams.directions", "towards +z"]),
     "point of one coordinate": (lambda: sg.PointSources(points=[[1.0]]),
                                 ["PointSources.points", "length 2 or 3", "(1, 1)"]),
     "box inside out": (lambda: sg.Box(lower=[0, 1], upper=[1, 1], mean_free_path=1.0, scatterer=sg.Isotropic()),
@@ -77,11 +69,8 @@ REFUSED = {
                                       ["VoxelGrid.material", "from 0 to 0", "2.0"]),
     "albedo of another shape": (lambda: voxels(albedo=[1.0, 1.0]),
                                 ["VoxelGrid.albedo", "extinction's shape (1, 2)", "(2,)"]),
-    "no materials": (lambda: voxels(scatterers=()), ["VoxelGrid.scatterers", "at least one"]),
     "tilt of 90 degrees": (lambda: sg.CollimatedBeams.tilts([0.0, 90.0], width=1.0),
                            ["CollimatedBeams.tilts angles", "-pi/2 and pi/2", "90", "np.deg2rad"]),
-    "tilts of a wrong shape": (lambda: sg.CollimatedBeams.tilts(np.zeros((2, 3)), width=1.0),
-                               ["CollimatedBeams.tilts angles", "(T,) or (T, 2)", "(2, 3)"]),
     "tilts beyond the circle": (lambda: sg.CollimatedBeams.tilts([[1.2, 1.2]], width=1.0),
                                 ["CollimatedBeams.tilts angles", "inside the unit circle", "1.3"]),
     "profile unknown": (
@@ -89,16 +78,8 @@ REFUSED = {
         ["CollimatedBeams.profile", "'square', 'disc' or 'gaussian'", "'round'"],
     ),
     "dark object": (lambda: object_scene(brightness=[[-1.0]]), ["IncoherentObject.brightness", "at least 0", "-1.0"]),
-    "object of one axis": (lambda: object_scene(brightness=[1.0, 2.0]),
-                           ["IncoherentObject.brightness", "(h, w)", "(2,)"]),
     "object too wide": (lambda: object_scene(brightness=np.ones((3, 3)), pitch=0.9),
                         ["IncoherentObject.pitch", "sine below 1", "0.9"]),
-    "grid pitch": (lambda: sg.FarField.grid(shape=(3, 3), pitch=0.0), ["FarFieldGrid.pitch", "greater than 0"]),
-    "grid of half a row": (
-        lambda: sg.FarField.grid(shape=(2.5, 3), pitch=1e-5),  # type: ignore[arg-type]
-        ["FarFieldGrid.shape.0", "a whole number", "2.5"],
-    ),
-    "grid of one axis": (lambda: sg.FarField.grid(shape=(3,), pitch=1e-5), ["FarFieldGrid.shape"]),  # type: ignore
     "grid beyond grazing": (lambda: sg.FarField.grid(shape=(101, 101), pitch=0.02),
                             ["FarFieldGrid.pitch", "sine of at most 1", "0.02", "1.41", "lower shape, pitch"]),
     "grid off the sphere": (lambda: sg.FarField.grid(shape=(1, 1), pitch=1e-3, center=(0.8, 0.8)),
@@ -108,7 +89,6 @@ REFUSED = {
         ["FarFieldGrid.side", "'transmission' or 'reflection'", "'behind'"],
     ),
     "view not unit": (lambda: sg.FarField(directions=[[0, 0, 2.0]]), ["FarField.directions", "unit vectors", "2."]),
-    "view of four": (lambda: sg.FarField(directions=[[0, 0, 0, 1.0]]), ["FarField.directions", "length 2 or 3"]),
 }  # fmt: skip
 
 

@@ -250,23 +250,18 @@ def test_pixels_average_over_their_points():
 
 @pytest.mark.parametrize(("call", "message"), [
     (lambda: Camera(photons=0), r"Camera\.photons must be greater than 0"),
-    (lambda: Camera(photons=1, read_noise=-1), r"Camera\.read_noise must be at least 0"),
     (lambda: Camera(photons=1, bit_depth=17), r"Camera\.bit_depth must be at most 16"),
     (lambda: Camera(photons=1, bit_depth=8, offset=255), r"Camera\.offset must be below the largest count"),
     (lambda: Camera(photons=1, gain=2.04).require_light(1), r"Camera\.photons must be enough for a count"),
-    (lambda: Camera(photons=1, oversampling=0), r"Camera\.oversampling must be at least 1"),
     (lambda: expose(Camera(photons=1), -FLAT, STREAMS), "expose image must be finite and at least 0"),
-    (lambda: expose(Camera(photons=1), FLAT * np.nan, STREAMS), "expose image must be finite"),
     (lambda: expose(Camera(photons=1), FLAT[0], STREAMS), "expose image must be of shape"),
     (lambda: expose(Camera(photons=1, oversampling=3), FLAT, STREAMS),
      r"a multiple of the oversampling 3 along both sides; got \(512, 512\)"),
     (lambda: incoherent_sum([FLAT], [-1.0]), "weights must be finite, at least 0"),
     (lambda: incoherent_sum([FLAT], [1.0, 1.0]), r"weights must be of shape \(1,\)"),
-    (lambda: incoherent_sum([FLAT, FLAT], [0.0, 0.0]), "weights must be finite, at least 0"),
     (lambda: incoherent_sum(FLAT), "images must be of shape"),
     (lambda: depolarised(FLAT, FLAT, 1.5), "degree must be from 0 to 1; got 1.5"),
     (lambda: depolarised(FLAT, FLAT[:5]), "images must be of one shape"),
-    (lambda: NoiseStreams.of(-1), "seed must be a whole number"),
     (lambda: NoiseStreams.of((1, 2**32)), "seed must be a whole number"),
 ])  # fmt: skip
 def test_bad_input_names_field_rule_and_value(call, message):

@@ -191,8 +191,6 @@ BAD = {
     "8 bits in 16": (lambda p, d: ([257 * (pair // 16) for pair in p], d), "counts in steps of 1; got .steps of 257"),
     "12 bits in 16": (lambda p, d: ([16 * pair.astype(int) for pair in p], d), "divide pairs and dark frames by 16"),
     "normalised": (lambda p, d: ([pair / pair.max() for pair in p], d), "raw counts: whole numbers"),
-    "negative": (lambda p, d: ([pair - 1000.0 for pair in p], d), "raw counts: whole numbers"),
-    "NaN": (lambda p, d: ([pair * np.nan for pair in p], d), "raw counts"),
     "colours": (lambda p, d: ([pair[..., None] for pair in p], d), "of shape .frames, rows, columns"),
     "text": (lambda p, d: ("abc", d), "frames of numbers"),
     "dark cut off": (lambda p, d: (p, np.maximum(d.astype(int) - 20, 0)), "no.* cut off at 0|none is cut off at 0"),

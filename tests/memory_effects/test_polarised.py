@@ -311,7 +311,6 @@ REFUSED = {
         "Layers.layers must be of one index"),
     "layers without S1, S2": (lambda: layers(((1.0, AIR), (1.0, TISSUE)), "vector"), "Layers.polarisation must be"),
     "flows": (lambda: slab(1, motion=sg.Drift(velocity=(1.0, 0.0, 0.0))), "Slab.motion must be random"),
-    "another model": (lambda: slab(1, polarisation="stokes"), "Slab.polarisation must be"),
     "S1 of a lobe": (lambda: TISSUE.amplitude_matrix(1.0), "HenyeyGreenstein.amplitude_matrix"),
     "an exposure without an analyser": (
         lambda: sg.temporal_correlation(slab(1, motion=MOVING), wavelength=0.5, lags=[0.0],
@@ -325,8 +324,6 @@ REFUSED = {
                          sensor=sg.FarField.grid((4, 4), 1e-5)), "Scene.polarisers must be given"),
     "an analyser before scalar light": (
         lambda: sg.memory_effect(slab(1, polarisation="scalar"), wavelength=0.5, tilts=[0], channel="co"), "channel"),
-    "an azimuth of scalar light": (
-        lambda: sg.memory_effect(slab(1, polarisation="scalar"), wavelength=0.5, tilts=[0], azimuth=1.0), "azimuth"),
     "an unknown analyser": (
         lambda: sg.memory_effect(slab(1), wavelength=0.5, tilts=[0], channel="elliptic"), "channel"),
     "the matrix of scalar light": (

@@ -435,10 +435,8 @@ REFUSED = {
         lambda: sg.covariance(scene(slab(), sg.FarField(directions=[AXIS])), paths=8, reverse=True),
         'reverse must be False or "auto" in transmission',
     ),
-    "index": (lambda: sg.Faces(inside=0.0), "Faces.inside must be greater than 0"),
     "no index": (lambda: sg.Faces(inside=40.0), "Faces.inside must be a refractive index between"),
     "pole": (lambda: theory.memory_effect_at_faces(5.0, 10, 1.7), r"at most 0\.4 OD = 4"),
-    "no depth": (lambda: theory.memory_effect_at_faces(0.0, 0, 1.7), "optical_depth must be greater than 0"),
 }  # fmt: skip
 
 

@@ -148,8 +148,6 @@ REFUSED = {
         lambda: scene(sensor=sg.Imaging(shape=(8, 8), pitch=2.0, aperture=0.05)), "Scene.medium must be of polar"),
     "coherent modes": (lambda: sg.transmission_matrix(scene()), "transmission_matrix scene"),
     "a dark light": (lambda: sg.Polarisers(light=[0, 0]), "Polarisers.light must be two numbers"),
-    "three fields": (lambda: sg.Polarisers(analyser=[1, 0, 0]), "Polarisers.analyser must be two numbers"),
-    "a plate of one number": (lambda: PARALLEL.behind(1j), "Polarisers.behind plate"),
 }  # fmt: skip
 
 

@@ -115,11 +115,8 @@ def test_light_sent_back():
 
 @pytest.mark.parametrize(("ask", "words"), [
     (lambda: transmitted_field(-1.0, 10.0), "transmitted_field x must be finite and at least 0"),
-    (lambda: transmitted_field("1", 10.0), "transmitted_field x must be an array of numbers"),
     (lambda: reflected_field([0.1j]), "reflected_field x must be an array of real numbers"),
-    (lambda: inferred_depths("0.5", 0.1), "inferred_depths field must be a number"),
     (lambda: transmitted_field(0.1, 0.0), "transport_depths must be finite and above 0"),
-    (lambda: reflected_field(0.1, extrapolation=-1.0), "extrapolation must be finite and at least 0"),
     (lambda: inferred_depths(1.0, 0.1), "field must be between 0 and 1"),
     (lambda: inferred_depths(0.5, 0.0), "x must be finite and above 0"),
     (lambda: inferred_depths(0.9, 1e3), "field must be one of a slab of 1 to 1e"),

@@ -72,7 +72,6 @@ def test_a_complete_entry_is_asked_all(content):
 
 @pytest.mark.parametrize(("change", "said"), [
     (lambda c: c.pop("about"), r"Entry\.about"), (lambda c: c.update(score=1.0), r"Entry\.score"),
-    (lambda c: c.update(name=""), r"Entry\.name"),
     (lambda c: c.update(version=VERSION + 1), r"Entry\.version must be at most"),
     (lambda c: c.update(commitment="0" * 64), r"Entry\.commitment"),  # other images than those of the tasks
     (lambda c: c.update(tasks={}), r"Entry\.tasks"),
