@@ -101,7 +101,6 @@ def coherent_field(
     def ratio(solved: Scattered) -> np.ndarray:
         return np.add.reduceat(1 + solved.near_field(points) / free, starts, axis=1) / counts
 
-    measured = ensemble(
-        gas, light, {"ratio": ratio}, placements=placements, seed=seed, workers=workers, progress=progress
-    )
+    measured = ensemble(gas, light, {"ratio": ratio}, placements=placements, seed=seed, workers=workers,
+                        progress=progress)  # fmt: skip
     return CoherentField(gas, radii, measured["ratio"].mean_batches[:, :, 0])

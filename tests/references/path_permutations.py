@@ -48,11 +48,9 @@ def permutation_covariance(
 
 
 def draw_nodes(medium: Medium, paths: int, nodes: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Positions float64[n, B, d] inside the box and their weights sigma_s^B over density, n <= paths.
-
-    The first is uniform; each next at a uniform distance from the one before, in a uniform direction: that takes up
-    the 1/r^(d - 1) of the forward path.
-    """
+    """Positions float64[n, B, d] inside the box and their weights sigma_s^B over density, n <= paths. The first is
+    uniform; each next at a uniform distance from the one before, in a uniform direction: that takes up the 1/r^(d - 1)
+    of the forward path."""
     (lower,), (upper,), dimension = medium.lower, medium.upper, medium.dimension
     reach = float(np.linalg.norm(upper - lower))
     x = [rng.uniform(lower, upper, (paths, dimension))]
