@@ -14,7 +14,7 @@ from pydantic import model_validator
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule, torch
+from specklegen.core.lazy import optimize, torch
 from specklegen.core.units import LENGTH, TIME
 from specklegen.core.values import Positive, PositiveInt
 from specklegen.datasets.distributions import Draw, UnboundedDraw, ends, require_above
@@ -31,12 +31,8 @@ from specklegen.scene.scene import Scene
 from specklegen.scene.window import Window
 
 if TYPE_CHECKING:
-    from scipy import optimize
-
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.recipe import Medium
-else:
-    optimize = LazyModule("scipy.optimize")
 
 MODELS = {
     "autoregression": "the fields of two frames are correlated by e^(-t / correlation_time), whatever ways the light "

@@ -21,5 +21,8 @@ class LazyModule:
 
 if TYPE_CHECKING:
     import torch as torch
+    from scipy import optimize as optimize
+    from scipy import special as special
+    from scipy import stats as stats
 else:
-    torch = LazyModule("torch")
+    torch, optimize, special, stats = map(LazyModule, ("torch", "scipy.optimize", "scipy.special", "scipy.stats"))

@@ -5,19 +5,13 @@ of Henyey and Greenstein wide ones, and measured tissues lie between them. Both 
 """
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from specklegen.core.arguments import real_number
 from specklegen.core.errors import reject
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import optimize
 from specklegen.scene.scatterers import HenyeyGreenstein, Scatterer, VonMisesFisher
-
-if TYPE_CHECKING:
-    from scipy import optimize
-else:
-    optimize = LazyModule("scipy.optimize")
 
 LOBES = ("henyey-greenstein", "von-mises-fisher")
 

@@ -8,19 +8,14 @@ g of fog is right to 0.003.
 """
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import special, stats
 from specklegen.core.values import Array, Value, remembered
 from specklegen.scene.scatterers import Mie, Tabulated
 from specklegen.scene.scatterers.tabulated import tabulated
-
-if TYPE_CHECKING:
-    from scipy import special, stats
-else:
-    special, stats = LazyModule("scipy.special"), LazyModule("scipy.stats")
 
 NODES = 128
 """Sizes of a distribution: equal shares of what is scattered or of the volume."""

@@ -20,19 +20,13 @@ N the normal density in the plane, n = 0 (the unscattered light) left out. Where
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, reduce
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from specklegen.core.lazy import LazyModule
+from specklegen.core.lazy import stats
 from specklegen.core.values import remembered
 from specklegen.scene.scene import Scene
 from specklegen.scene.screens import ScreenStack
-
-if TYPE_CHECKING:
-    from scipy import stats
-else:
-    stats = LazyModule("scipy.stats")
 
 _ENUMERATED = 2**16
 """Numbers of deflections that are all listed; of more, so many are drawn that their quadrature is off by about 1e-4."""
