@@ -49,11 +49,9 @@ def hidden_object_sheet(samples: Sequence[Mapping[str, Any]], out: Path) -> Path
         window = _middle(autocorrelation(image), half)
         truth = _middle(autocorrelation_of_object(hidden), round(half / scale))
         rows = (
-            (hidden[::-1, ::-1], "object, turned", 0, 1),
-            (image, "camera image", *np.percentile(image, [0.5, 99.5])),
-            (window, "its autocorrelation", 0, 0.7),
-            (truth, "the object's", 0, 0.7),
-        )
+            (hidden[::-1, ::-1], "object, turned", 0, 1), (image, "camera image", *np.percentile(image, [0.5, 99.5])),
+            (window, "its autocorrelation", 0, 0.7), (truth, "the object's", 0, 0.7),
+        )  # fmt: skip
         for axis, (picture, title, low, high) in zip(axes[:, column], rows, strict=True):
             _show(axis, picture, title if column == 0 else "", low=low, high=high)
     return _save(figure, out)

@@ -167,11 +167,9 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
 def _attributes(scene: Scene, arguments: dict[str, Any]) -> dict[str, Any]:
     """What a group says of itself; JSON types."""
     return {
-        "title": "speckle stack of specklegen",
-        "scene": scene.model_dump_json(by_alias=True),
-        "arguments": {name: repr(value) for name, value in arguments.items()},
-        "libraries": library_versions(),
-    }
+        "title": "speckle stack of specklegen", "scene": scene.model_dump_json(by_alias=True),
+        "arguments": {name: repr(value) for name, value in arguments.items()}, "libraries": library_versions(),
+    }  # fmt: skip
 
 
 def _axes(scene: Scene) -> list[tuple[str, tuple[str, ...], np.ndarray, str]]:

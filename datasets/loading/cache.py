@@ -125,13 +125,9 @@ class SpeckleCache(Dataset, Pictured):
 
     def _facts(self) -> Mapping[str, object]:
         return {
-            "folder": self.folder,
-            "samples": len(self),
-            "split": self.identity["split"],
-            "seed": self.identity["seed"],
-            "arrays": ", ".join(self.keys),
-            "parameters": ", ".join(self._store.parameter_names),
-        }
+            "folder": self.folder, "samples": len(self), "split": self.identity["split"], "seed": self.identity["seed"],
+            "arrays": ", ".join(self.keys), "parameters": ", ".join(self._store.parameter_names),
+        }  # fmt: skip
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Images of those of its first samples that are there."""
@@ -264,11 +260,7 @@ class ShuffledCache(EpochBatches):
     def identity(self) -> dict[str, Any]:
         """Return what the order depends on."""
         return {
-            "seed": self.seed,
-            "split": self.cache.identity["split"],
-            "length": self.length,
-            "fingerprint": self.cache.fingerprint,
-            "buffer_shards": self.buffer_shards,
-            "shard_samples": self.cache.shard_samples,
-            "order": ORDER,
-        }
+            "seed": self.seed, "split": self.cache.identity["split"], "length": self.length,
+            "fingerprint": self.cache.fingerprint, "buffer_shards": self.buffer_shards,
+            "shard_samples": self.cache.shard_samples, "order": ORDER,
+        }  # fmt: skip

@@ -83,12 +83,9 @@ class EpochLoader:
         if num_workers:
             batches.warm()
             workers = {
-                "num_workers": num_workers,
-                "multiprocessing_context": worker_context(),
-                "persistent_workers": True,
-                "prefetch_factor": prefetch_factor,
-                "timeout": timeout,
-            }
+                "num_workers": num_workers, "multiprocessing_context": worker_context(), "persistent_workers": True,
+                "prefetch_factor": prefetch_factor, "timeout": timeout,
+            }  # fmt: skip
         pinned = torch.cuda.is_available() if pin_memory is None else pin_memory
         self._loader = DataLoader(self._source, batch_size=None, pin_memory=pinned, **workers)
 

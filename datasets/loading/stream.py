@@ -198,13 +198,9 @@ class SpeckleStream(EpochBatches):
     def identity(self) -> dict[str, Any]:
         """Return seed, split, length of an epoch, fingerprint, data version and kind of device."""
         return {
-            "seed": self.seed,
-            "split": self.split,
-            "length": self.length,
-            "fingerprint": self.recipe.fingerprint(),
-            "data_version": self.recipe.data_version,
-            "device": device_kind(self.recipe),
-        }
+            "seed": self.seed, "split": self.split, "length": self.length, "fingerprint": self.recipe.fingerprint(),
+            "data_version": self.recipe.data_version, "device": device_kind(self.recipe),
+        }  # fmt: skip
 
     def warm(self) -> None:
         """Render one sample, so that kernels are compiled and cached before workers start."""

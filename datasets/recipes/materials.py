@@ -126,11 +126,9 @@ def characterized_materials(
     rows = [each.parameters(wavelength) | material.labels(each.slab) for each in known]  # type: ignore[arg-type]
     put = lambda numbers: torch.tensor(numbers, dtype=torch.float64).to(device)  # noqa: E731
     return Materials(
-        {name: put([row[name] for row in rows]) for name in rows[0]},
-        Tabulated([each.correlation for each in known]),
-        put([each.half_range for each in known]),
-        tuple(partial(_same, each.slab) for each in known),
-    )
+        {name: put([row[name] for row in rows]) for name in rows[0]}, Tabulated([each.correlation for each in known]),
+        put([each.half_range for each in known]), tuple(partial(_same, each.slab) for each in known),
+    )  # fmt: skip
 
 
 def _same(slab: Slab | ScreenStack) -> Slab | ScreenStack:

@@ -69,11 +69,9 @@ def shards_json(
     packing = {"typesize": dtype.itemsize, "cname": "zstd", "clevel": 5, "shuffle": "bitshuffle", "blocksize": 0}
     blosc = [{"name": "blosc", "configuration": packing}] if is_compressed(dtype) else []
     sharding = {
-        "chunk_shape": [1, *shape],
-        "codecs": [_numbers(dtype), *blosc, _CRC],
-        "index_codecs": [_numbers(np.dtype(np.uint64)), _CRC],
-        "index_location": "end",
-    }
+        "chunk_shape": [1, *shape], "codecs": [_numbers(dtype), *blosc, _CRC],
+        "index_codecs": [_numbers(np.dtype(np.uint64)), _CRC], "index_location": "end",
+    }  # fmt: skip
     codecs = [{"name": "sharding_indexed", "configuration": sharding}]
     return _array_json(dtype, rows, shape, codecs, dims, attributes)
 

@@ -67,11 +67,9 @@ def estimate(
     return {
         "bytes": round(stored / probe * samples),
         "seconds": (samples * (written + again) + media * (fresh - again)) / workers,
-        "memory": rows * (sum(raw) + _COPIES * max(raw, default=0) + row),
-        "shards": shards,
-        "shard_samples": rows,
+        "memory": rows * (sum(raw) + _COPIES * max(raw, default=0) + row), "shards": shards, "shard_samples": rows,
         "processes": workers,
-    }
+    }  # fmt: skip
 
 
 def foreseen(

@@ -242,11 +242,9 @@ def _pooled(store: Store, recipe: Renderable, shards: list[int], processes: int,
     require_importable(getattr(recipe, "own_classes", tuple)())
     recipe.sample(store.seed, store.attributes["identity"]["split"], 0)  # compiles once
     pool = ProcessPoolExecutor(
-        min(processes, len(shards)),
-        mp_context=worker_context(),
-        initializer=_start_worker,
+        min(processes, len(shards)), mp_context=worker_context(), initializer=_start_worker,
         initargs=(store.folder, store.samples, store.fingerprint, pickle.dumps(recipe)),
-    )
+    )  # fmt: skip
     try:
         futures: list[Future[Outcome]] = [pool.submit(_fill_here, shard, wait) for shard in shards]
         broken = None

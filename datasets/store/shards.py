@@ -105,10 +105,8 @@ class ShardFiles:
     ) -> None:  # fmt: skip
         self._folder, self._shape = folder, sample_shape
         self._dtype, self._shard_samples, self._compressed = (
-            dtype.newbyteorder("<"),
-            shard_samples,
-            compressed,
-        )
+            dtype.newbyteorder("<"), shard_samples, compressed,
+        )  # fmt: skip
         self._bytes = int(np.prod(sample_shape)) * dtype.itemsize
         self._open: OrderedDict[int, _OpenShard] = OrderedDict()
         self._lock = Lock()  # guards those that are open, and their counts

@@ -286,12 +286,9 @@ def periodogram_input(batch: Mapping[str, Any]) -> Tensor:
 
 
 FEATURES: dict[str, Callable[[Mapping[str, Any]], Tensor]] = {
-    "periodogram": periodogram_input,
-    "registered": registered_input,
-    "registered+power": registered_and_power_input,
-    "exposures": exposures_input,
-    "local-contrast": local_contrast_input,
-}
+    "periodogram": periodogram_input, "registered": registered_input, "registered+power": registered_and_power_input,
+    "exposures": exposures_input, "local-contrast": local_contrast_input,
+}  # fmt: skip
 """Name to function of a batch: of stacks, float[B, F], or pictures or maps float[B, C, H, W]."""
 
 

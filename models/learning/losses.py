@@ -74,12 +74,9 @@ def invariant(loss: Loss) -> Loss:
 
 
 _PLAIN: dict[str, Loss] = {
-    "pearson": negative_pearson,
-    "bce": cross_entropy,
-    "ssim": dissimilarity,
-    "l1": absolute_error,
+    "pearson": negative_pearson, "bce": cross_entropy, "ssim": dissimilarity, "l1": absolute_error,
     "pearson+bce": pearson_and_entropy,
-}
+}  # fmt: skip
 LOSSES: dict[str, Loss] = _PLAIN | {f"{name}-invariant": invariant(loss) for name, loss in _PLAIN.items()}
 """Name to loss of (logits, target)."""
 LOSSES |= {  # spread first and moved afterwards: where sharp points fit best is decided by noise

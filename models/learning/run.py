@@ -143,13 +143,10 @@ class Run:
         score = validated(model, self.validation)
         self.count_time()
         row = {
-            "epoch": self.epoch,
-            "seconds": round(self.spent, 3),
-            "train_loss": self.summed / max(self.step, 1),
+            "epoch": self.epoch, "seconds": round(self.spent, 3), "train_loss": self.summed / max(self.step, 1),
             f"validation_{TARGETS[self.training.target].scored}": score,
-            "learning_rate": self.optimiser.param_groups[0]["lr"],
-            **self.pace.rates(),
-        }
+            "learning_rate": self.optimiser.param_groups[0]["lr"], **self.pace.rates(),
+        }  # fmt: skip
         self.pace = Pace()
         self.rows.append(row)
         self.stale = 0 if score > self.best else self.stale + 1

@@ -141,13 +141,9 @@ class Atlas:
         weights[0, 0] = single
         weights[0, 1:] = multiple * self.shares
         return MemoryEffectCorrelation(
-            radius=radius,
-            weights=weights,
-            paths=1,
-            single_share=float(single / (single + multiple)),
-            source="atlas",
+            radius=radius, weights=weights, paths=1, single_share=float(single / (single + multiple)), source="atlas",
             stated_error=0.5 * self.errors(place).correlation,
-        )
+        )  # fmt: skip
 
 
 def _below(x: float, nodes: np.ndarray) -> int:

@@ -239,11 +239,9 @@ def _of_bins(
     share = rows.sum(axis=0)
     total = share.sum()
     return MemoryEffectCorrelation(
-        radius=np.sqrt(np.divide(squares, share, out=np.zeros(RADIUS_BINS), where=share > 0)),
-        weights=rows,
-        paths=paths,
-        single_share=float(single / total) if total else 0.0,
-    )
+        radius=np.sqrt(np.divide(squares, share, out=np.zeros(RADIUS_BINS), where=share > 0)), weights=rows,
+        paths=paths, single_share=float(single / total) if total else 0.0,
+    )  # fmt: skip
 
 
 def _told_apart(medium: PlaneMedium) -> tuple[float, float]:

@@ -85,11 +85,9 @@ def layered_light(
     for depth, albedo, g in reversed(above):
         through, returned, straight = _added(_layer(depth, albedo, g, mu, w, motion), (through, returned, straight), w)
     return SlabLight(
-        transmitted=float(through[-1, -2] / (2 * np.pi)),
-        reflected=float(returned[-1, -2] / (2 * np.pi)),
-        transmittance=float((w @ through)[-2] + straight[-2]),
-        reflectance=float((w @ returned)[-2]),
-    )
+        transmitted=float(through[-1, -2] / (2 * np.pi)), reflected=float(returned[-1, -2] / (2 * np.pi)),
+        transmittance=float((w @ through)[-2] + straight[-2]), reflectance=float((w @ returned)[-2]),
+    )  # fmt: skip
 
 
 def _moving(g: float, motion: float, orders: int) -> np.ndarray:

@@ -14,11 +14,9 @@ from specklegen.kernels.phase_table import PhaseTable
 from specklegen.scene.scatterers import Dimensions, Scatterer
 
 _KINDS = {
-    "isotropic": (table.ISOTROPIC_2D, table.ISOTROPIC_3D),
-    "henyey": (table.HENYEY_2D, table.HENYEY_3D),
-    "fisher": (table.FISHER_2D, table.FISHER_3D),
-    "tabulated": (table.TABULATED_2D, table.TABULATED_3D),
-}
+    "isotropic": (table.ISOTROPIC_2D, table.ISOTROPIC_3D), "henyey": (table.HENYEY_2D, table.HENYEY_3D),
+    "fisher": (table.FISHER_2D, table.FISHER_3D), "tabulated": (table.TABULATED_2D, table.TABULATED_3D),
+}  # fmt: skip
 _CELLS = 2048  # of a guide to the nodes of a table
 LOBE_ERROR = 1e-5
 """Light that a walk's table may send elsewhere: the integral of |f - f of the scatterer| over v, at most about this."""

@@ -122,13 +122,10 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
         require_traceable(scene.slab, events_per_path(scene.slab))
     layout = scene_layout(scene)
     tracer = VolumeTracer(
-        layout=layout,
-        sources=scene_sources(scene),
-        lobe=common_lobe(materials(scene.volume), scene.dimension),
-        bidirectional=reverse or bool(close_points(scene, layout.volume)),
-        threshold=0.0,
+        layout=layout, sources=scene_sources(scene), lobe=common_lobe(materials(scene.volume), scene.dimension),
+        bidirectional=reverse or bool(close_points(scene, layout.volume)), threshold=0.0,
         max_order=default_max_order(scene.volume),
-    )
+    )  # fmt: skip
     seed = pilot_seed(scene.unitless_fingerprint())
 
     def roulette() -> tuple[float, float]:

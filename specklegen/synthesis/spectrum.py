@@ -156,13 +156,10 @@ def estimate_spectral_correlation(
     joint = np.bincount(far * _LENGTHS + late, weight, _RADII * _LENGTHS).reshape(_RADII, _LENGTHS)
     total = weight.sum()
     return SpectralCorrelation(
-        excess=_mean(np.bincount(late, weight * excess, _LENGTHS), joint.sum(axis=0)),
-        weights=weights,
-        radius=np.sqrt(_mean(np.bincount(far, weight * radius**2, _RADII), joint.sum(axis=1))),
-        joint=joint,
-        paths=paths,
-        single_share=float(weight[single].sum() / total) if total else 0.0,
-    )
+        excess=_mean(np.bincount(late, weight * excess, _LENGTHS), joint.sum(axis=0)), weights=weights,
+        radius=np.sqrt(_mean(np.bincount(far, weight * radius**2, _RADII), joint.sum(axis=1))), joint=joint,
+        paths=paths, single_share=float(weight[single].sum() / total) if total else 0.0,
+    )  # fmt: skip
 
 
 def _geometric(values: np.ndarray, scale: float) -> np.ndarray:
