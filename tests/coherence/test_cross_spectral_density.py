@@ -1,7 +1,6 @@
 """Sources, coherent modes and sampled fields against closed forms, exact distributions and printed tables."""
 
 import math
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -205,11 +204,6 @@ def test_dark_points_have_no_degree_of_coherence():
     np.testing.assert_array_equal(spectral_degree_of_coherence(np.zeros((2, 2))), 0)
 
 
-def test_degree_of_coherence_never_exceeds_one():
-    W = np.array([[1.0, 1.1j], [-1.1j, 1.0]])
-    assert spectral_degree_of_coherence(W)[0, 1] == 1j
-
-
 # Sampled fields
 def projections(W0):
     """Vectors that see every kind of entry of W0: diagonal, real and imaginary parts, whole modes."""
@@ -256,17 +250,6 @@ def test_the_covariance_test_has_power(wrong):
         assert_covariance(sample_fields(W0, 20_000, seed=7), complex_source())
 
 
-def test_sampled_fields_are_a_pure_function_of_the_seed():
-    W0 = complex_source()
-    cases: list[tuple[Literal["kl", "copula"], np.ndarray]] = [
-        ("kl", W0), ("copula", gaussian_schell_model(line(51), 0.6)),
-    ]  # fmt: skip
-    for method, source in cases:
-        first = sample_fields(source, 10, method, seed=1)
-        np.testing.assert_array_equal(first, sample_fields(source, 10, method, seed=1))
-        assert not np.array_equal(first, sample_fields(source, 10, method, seed=2))
-
-
 def copula_z(fields, sigma):
     """Largest z of the covariance over all pairs of points, at one turn. The Fourier transform is unitary, so that the
     mean over all pixels is the mean of e^{i (phi_1 - phi_2)} over the samples of the disc, whose exact mean is real."""
@@ -293,29 +276,7 @@ def test_copula_fields_have_the_correlation_of_their_phases(sigma):
     assert copula_z(fields, sigma * 1.05) > limit
 
 
-def test_neighbouring_copula_fields_are_correlated():
-    """They are pixels of a speckle pattern sampled twice too finely: 0.72, the transform of the disc."""
-    across = np.arange(32) - 15.5
-    disc = np.hypot(across, across[:, None]) <= 16
-    exact = np.sum(disc * np.cos(2 * math.pi * across / 64)) / disc.sum()
-    assert exact == pytest.approx(0.72, abs=0.005)
-    pattern = sample_fields(gaussian_schell_model(line(51), 0.6), 64**2, "copula", seed=0)[:, 25].reshape(64, 64)
-    neighbours = np.mean(pattern * np.roll(pattern, -1, axis=1).conj())  # of unit phasors: no chance in it
-    assert neighbours == pytest.approx(exact * np.exp(2j * math.pi * 15.5 / 64), rel=1e-12)
-
-
-def test_copula_keeps_the_amplitude_along_the_source():
-    amplitude = np.linspace(1, 2, 51)
-    fields = sample_fields(gaussian_schell_model(line(51), 0.6, amplitude), 64**2, "copula", seed=0)
-    np.testing.assert_allclose(np.mean(np.abs(fields) ** 2, axis=0), amplitude**2, rtol=1e-12)
-
-
 HOLED = np.array([0.0, math.nan, 1.0])
-
-
-def test_points_too_far_apart_for_their_square_are_independent():
-    with np.errstate(all="raise"), pytest.warns(UserWarning, match="undersample"):
-        np.testing.assert_array_equal(gaussian_schell_model(line(3), 1e-300), np.eye(3))
 
 
 def test_modes_of_any_unit_of_power():

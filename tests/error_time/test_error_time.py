@@ -17,7 +17,7 @@ from scripts.error_time import calibration, references, tables
 from scripts.error_time.runs import Row, judged, quantities
 from scripts.error_time.scenes import SCENES
 from specklegen.cli.commands import app
-from specklegen.error_time import SAMPLERS, Estimate, Probes, compare, crossover, fit_trend, measured, probes_of
+from specklegen.error_time import SAMPLERS, Estimate, Probes, compare, crossover, fit_trend, measured
 from specklegen.error_time.estimates import connection_amplitudes, paths_estimate, stationary_estimate
 from specklegen.memory_effects.cached import estimated_anew
 from specklegen.paths.layout import scene_layout
@@ -162,13 +162,6 @@ def test_samplers_agree_on_a_tiny_scene():
         if name != "paths, direct sum":
             error = np.hypot(other.standard_error, first.standard_error)
             assert_z(np.abs(other.value - first.value), 0, error, degrees=63)
-
-
-def test_probes_follow_the_tilt():
-    scene = small()
-    points = probes_of(scene).points
-    moved = scene.views[points[:, 1], :2] - scene.lights[points[:, 0], :2]
-    np.testing.assert_allclose(moved, moved[:1].repeat(3, axis=0), atol=1e-12)
 
 
 def test_measured_sees_memory():

@@ -299,13 +299,3 @@ def test_what_serves_no_focus_is_refused_by_name():
     assert_refused(lambda: scene(medium=glass, aperture=0.7), r"FocusedBeams\.aperture must be below 0\.6667")
     screen = sg.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
     assert_refused(lambda: scene(medium=screen), r"Scene\.illumination")
-
-
-def test_a_lens_looks_at_a_focus_through_refracting_faces():
-    glass = FORWARD.replace(faces=sg.Faces(inside=1.4))
-    camera = sg.Imaging(shape=(8, 8), pitch=2.0, aperture=0.1, focus=5.0)
-    light = sg.FocusedBeams([[0.0, 0.0, 5.0]], aperture=0.05, width=60.0)
-    found = sg.render(scene(light, glass, camera), paths=200, seed=0, threads=1)
-    assert found.field.shape == (1, 8, 8)
-    assert np.isfinite(found.field).all()
-    assert found.field.any()

@@ -141,14 +141,6 @@ def test_droplets_of_oil_are_the_intralipid_that_was_measured(wavelength, reduce
     assert droplets.scatterer.g == pytest.approx(formula.scatterer.g, abs=0.01)
 
 
-@pytest.mark.parametrize("wavelength", [0.4579, 0.5145, 0.6328])
-def test_droplets_of_oil_scatter_as_van_staveren_found(wavelength):
-    """mu_s (1 - g) of the same fat, within the 6 % that the paper leaves between Mie theory and measurement."""
-    droplets = sg.materials.get("intralipid-mie", wavelength, dilution=0.05)
-    scattering, g = 0.1 * 16 * wavelength**-2.4, 1.1 - 0.58 * wavelength
-    assert 1000 / droplets.transport_length == pytest.approx(scattering * (1 - g), rel=0.06)
-
-
 def test_the_slope_as_it_is_printed_is_another_emulsion():
     """A mutation of the sizes: e^(-4.151 d) in place of twice that scatters over a tenth too much."""
     droplets = sg.materials.get("intralipid-mie", 0.6328, dilution=0.01)
@@ -237,10 +229,6 @@ def test_drops_scatter_twice_their_section():
     section = math.pi * float((drops.numbers * drops.radii**2).sum())
     # 2 + 1.99 x^(-2/3) at x = 2 pi 6 / 0.55 = 69 (Nussenzveig and Wiscombe, 1980): 2.12
     assert suspension(((drops, 1.3334),), 0.55).scattering / section == pytest.approx(2.12, abs=0.04)
-
-
-def test_ground_glass_is_the_thin_medium_of_its_grit(made):
-    assert made["ground-glass"] == sg.GroundGlass(grit=220)
 
 
 def test_draws_stay_in_the_ranges_and_are_functions_of_the_seed():

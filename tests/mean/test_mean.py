@@ -203,15 +203,6 @@ def test_beam_inside_a_wide_box(profile, dimension):
     assert abs(m[0, 0]) == pytest.approx(area * -np.expm1(-0.5 * thickness / mean_free_path), rel=finite.TOLERANCE)
 
 
-def test_a_beam_wider_than_the_box_is_a_plane_wave():
-    """Up to its irradiance, which counts per area of the entrance face."""
-    medium, views = box((3.0, 4.0), 2.0), at([0.0, 17.0, 120.0])
-    light = at([12.0])
-    beam = sg.mean_field(scene(medium, sg.CollimatedBeams(directions=light, width=100.0), views))
-    wave = sg.mean_field(scene(medium, light, views))
-    assert np.abs(beam - wave / np.sqrt(light[0, 1])).max() < finite.TOLERANCE * np.abs(wave).max()
-
-
 # ---- A point involved ----------------------------------------------------------------------------------
 def test_plane_waves_at_points_before_in_and_behind_a_box():
     medium, light = box((4.0, 6.0), 3.0), at([0.0])

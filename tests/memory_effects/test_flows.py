@@ -121,20 +121,6 @@ def test_both_ends_follow_for_any_light_and_view_and_the_way_back_gives_the_same
     np.testing.assert_allclose(found[bank.orders > 1], back, atol=1e-12)
 
 
-def test_of_a_shear_it_is_the_sum_of_s_wx_wz():
-    """M of two scatterings s w_x w_z, of three the sum over both legs."""
-    bank = bank_of(SLAB)
-    found = doppler_shift(plane_layout(SLAB, 1.0, AXIS[None], AXIS[None]), bank) / SHEAR.rate
-    two = bank.orders == 2
-    w, way = bank.entry_direction[two], (bank.exit - bank.entry)[two]
-    np.testing.assert_allclose(found[two], way[:, 0] * w[:, 2], atol=1e-9)
-    three = bank.select(bank.orders == 3)
-    middle, sure = vertex_between(three)
-    legs = (middle - three.entry)[:, 0] * three.entry_direction[:, 2]
-    legs += (three.exit - middle)[:, 0] * three.exit_direction[:, 2]
-    np.testing.assert_allclose(found[bank.orders == 3][sure], legs[sure], atol=1e-8)
-
-
 # g1 on the axis at k rate tau l = .1, .2, .5 by another program.
 SHEARED = {0.0: [0.964, 0.866, 0.453], 0.9: [0.988, 0.952, 0.758]}
 

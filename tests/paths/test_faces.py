@@ -17,7 +17,7 @@ from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.paths.analog_walk import transmittance
 from specklegen.paths.endpoint_factors import contributions, endpoint_factors, multiple_amplitudes
 from specklegen.paths.endpoints import AXIS
-from specklegen.paths.faces import images, reflectance
+from specklegen.paths.faces import reflectance
 from specklegen.paths.layout import plane_layout
 from specklegen.paths.proposal import plane_proposal
 from specklegen.paths.slab_tracer import SlabTracer, trace
@@ -69,13 +69,6 @@ def test_a_wall_adds_the_echoes_of_both_its_faces():
     found = reflectance(sg.Faces(inside=1.33, wall=1.52), mu)
     np.testing.assert_allclose(found, 1 - through, rtol=1e-12)
     assert np.array_equal(reflectance(sg.Faces(inside=1.33, wall=1.33), mu), reflectance(sg.Faces(inside=1.33), mu))
-
-
-@pytest.mark.parametrize(("index", "wall", "expected"), [
-    (1.33, None, 0.4311), (1.4, None, 0.4935), (1.5, None, 0.5678), (1.33, 1.52, 0.4525), (1.0, None, 0.0),
-])  # fmt: skip
-def test_faces_turn_back_diffuse_light(index, wall, expected):
-    assert theory.internal_reflection(index, wall=wall) == pytest.approx(expected, abs=5e-5)
 
 
 # ---- Matched faces, and the way there -------------------------------------------------------------------
@@ -396,14 +389,6 @@ def test_the_mean_crosses_both_faces():
     assert ballistic_fraction(where) == pytest.approx(np.exp(-4) * (1 - r[0]) ** 2)
     assert straight_through(plain.slab) == np.exp(-4)
     assert straight_through(medium) == pytest.approx(np.exp(-4) * (1 - r[0]) ** 2)
-
-
-def test_reflections_are_followed_until_little_is_left():
-    grazing = direction(np.sqrt(1 / 1.5**2 - 1e-6))
-    assert images(slab(10.0), AXIS[None]) == 0
-    assert images(slab(0.5), AXIS[None]) >= 2
-    assert images(slab(0.01), grazing[None]) == 7
-    assert images(slab(0.01, index=1.0), grazing[None]) == 0
 
 
 @pytest.mark.parametrize("index", [0.7, 1.5, 3.0])

@@ -203,20 +203,6 @@ def test_unpolarised_light_is_two_halves_of_one_brightness():
     refute_mean(found[False], 2.0)
 
 
-def test_frames_are_correlated_as_the_recipe_says(monkeypatch):
-    """A film whose frames were drawn anew, or stood still, would not pass as this one."""
-    recipe = recipe_of("dynamic-slab")
-    right = SpeckleGenerator(recipe, 0)(range(2))["frames"]
-    plain = Imaging.fields
-    for share in (0.0, 1.0):
-        with monkeypatch.context() as patch:
-            patch.setattr(Imaging, "fields", lambda own, k, s, *more, _share=share, **named:
-                          plain(own, k, 0 * s + _share, *more, **named))  # fmt: skip
-            wrong = SpeckleGenerator(recipe, 0)(range(2))["frames"]
-        assert torch.equal(wrong[:, 0], right[:, 0])
-        assert (wrong[:, 1:] - right[:, 1:]).abs().amax() > 0.1
-
-
 def test_media_are_kept_between_calls_up_to_a_number_and_a_size(monkeypatch):
     recipe = recipe_of("through-slab", media=5)
     whole = SpeckleGenerator(recipe, 0)(range(10))

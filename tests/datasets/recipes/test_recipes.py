@@ -21,10 +21,7 @@ from specklegen.datasets.recipes.specification import DATA_VERSION
 from specklegen.datasets.sample_schema import Renderable, stored_arrays
 from specklegen.datasets.split import Purpose, substream
 from specklegen.instrument.camera import NoiseStreams, expose
-from specklegen.instrument.lab import LabSetup
 from specklegen.scene.faces import Faces
-from specklegen.scene.media import Slab
-from specklegen.scene.scatterers import HenyeyGreenstein
 
 NOISE = {"photons": 200.0, "background": 10.0, "dark_current": 2.0, "read_noise": 3.0, "gain": 0.5, "offset": 20.0}
 
@@ -204,19 +201,6 @@ def test_lab_terms_and_engine_terms_make_the_same_images():
     assert one["parameters"] == pytest.approx(two["parameters"], rel=1e-9)
 
 
-def test_lab_setup_makes_a_scene():
-    setup = LabSetup(wavelength=0.000532, object_distance=200.0, object_extent=0.3, aperture=5.0, camera_distance=100.0,
-                     pixel_pitch=0.005, pixels=(64, 64), oversampling=2, refractive_index=1.4)  # fmt: skip
-    film = Slab(thickness=0.1, mean_free_path=0.01, scatterer=HenyeyGreenstein(g=0.9))
-    scene = setup.scene(film, np.eye(6), profile="disc")
-    assert scene.wavelength == pytest.approx(0.000532 / 1.4)
-    assert scene.sensor.shape == (128, 128)
-    assert scene.beams.width == 5.0
-    assert scene.beams.profile == "disc"
-    assert scene.illumination.pitch == pytest.approx(0.3 / 6 / 200 / 1.4)  # type: ignore[union-attr]
-    assert_refused(lambda: setup.scene(film, np.ones(3)), "brightness must be of shape")
-
-
 def test_faces_of_a_material_reach_its_slab():
     """Written in the material or taken from the laboratory."""
     water = {"inside": 1.33, "outside": 1.0}
@@ -309,17 +293,6 @@ def test_shown_recipe_is_the_recipe(tmp_path):
         file = tmp_path / f"{name}.toml"
         file.write_text(CliRunner().invoke(app, ["recipes", "show", name]).output)
         assert load_recipe(file).fingerprint() == load_recipe(name).fingerprint()
-
-
-def test_what_a_recipe_models_is_not_called_idealised():
-    band = {"light": {"bandwidth": 1e-6, "polarised": False}}
-    told = {d.part: d.reason for d in load_recipe("through-slab", band).plans()[0].decisions}
-    assert "bandwidth" not in told
-    assert "depolarised" in told["polarisation"]
-    oiled = load_recipe("through-slab-lab", {"lab": {"faces": "matched"}}).plans()[0]
-    assert "although the refractive index is 1.4" in oiled.explain()
-    vacuum = load_recipe("through-slab-lab", {"lab": {"faces": "matched", "refractive_index": 1.0}}).plans()[0]
-    assert "- faces:" not in vacuum.explain()
 
 
 # First three pixels of the middle row (of the last image) of sample 0 of seed 0 of train, and the mean.

@@ -311,16 +311,6 @@ def test_what_fits_sees_more_than_chance_and_what_is_untrained_does_not(name):
     assert abs(z) < most if name == "untrained network" else z > most
 
 
-def test_an_untrained_network_is_the_same_every_time_and_shares_nothing_with_the_trained_one():
-    trained, state = load_pretrained(), torch.random.get_rng_state()
-    one, two, other = (baselines.untrained(trained, seed) for seed in (1, 1, 2))
-    assert torch.equal(torch.random.get_rng_state(), state)
-    weights = [torch.cat([w.flatten() for w in each.network.parameters() if w.ndim > 1])
-               for each in (trained, one, two, other)]  # fmt: skip
-    assert torch.equal(weights[1], weights[2])
-    assert not any((weights[0] == each).any() for each in (weights[1], weights[3]))
-
-
 def test_a_fit_is_of_one_image_alone(batch, thin):
     """Companions change nothing but the last bits, which 20 steps do not magnify."""
     method = fitted(thin, seed=3, steps=20)

@@ -9,7 +9,6 @@ from slab_sums import beam_layout, direct, roulette_threshold, wave_layout
 from zscore import assert_mean, assert_z, refute_z
 
 import specklegen as sg
-from specklegen.kernels import walk
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.phases import random_phases
@@ -72,25 +71,6 @@ def test_random_phases_are_those_of_path_and_order():
         assert_mean((phases[1:] * phases[:-1].conj())[half].real, 0)
 
 
-# ---- Symmetries ----------------------------------------------------------------------------------------
-@pytest.mark.parametrize("reverse", [False, True])
-def test_moving_the_medium_turns_every_entry_by_its_phase(reverse):
-    """u_iv -> u_iv e^(ik(i - v) . t), up to the phase that the dropped references share between all entries."""
-    medium, wavelength = slab(), 0.7
-    lights = directions_of_sines("light", [[0.0, 0.0], [0.2, 0.1]])
-    views = directions_of_sines("view", [[0.0, 0.0], [0.1, -0.3], [0.5, 0.5]], -1.0)
-    bank = trace(medium, plane_proposal(medium, AXIS, AXIS, bidirectional=reverse), 1, 50)
-    layout, phases = wave_layout(medium, wavelength, lights, -1.0), random_phases(bank, 1)
-    shift = np.array([12.3, -4.56, 0.0])
-    before = direct(bank, layout, phases, views, reverse=reverse)
-    records = bank.records.copy()
-    for vertex in (walk.ENTRY, walk.EXIT):
-        records[:, vertex : vertex + 3] += shift
-    after = direct(replace(bank, records=records), layout, phases, views, reverse=reverse)
-    turn = np.exp(2j * np.pi / wavelength * ((lights @ shift)[:, None] - (views @ shift)))
-    assert relative(after, before * turn) < 1e-11
-
-
 def test_reciprocity():
     """Source and sensor swapped, i -> -v and v -> -i, connection by connection, each with its reversal. The irradiance
     is 1 per area of the face, so that |u|^2 carries 1 / i_z and the symmetric quantity is i_z |u|^2."""
@@ -105,27 +85,6 @@ def test_reciprocity():
             for i, v in ((light, view), (-view, -light))
         )
         assert abs(there) ** 2 * light[0, 2] == pytest.approx(abs(back) ** 2 * -view[0, 2], rel=1e-9)
-
-
-@pytest.mark.parametrize("side", ["transmission", "reflection"])
-@pytest.mark.parametrize("axis", ["x", "y"])
-def test_the_pattern_moves_with_the_tilt(side, axis):
-    """u_t(v + i_t) ~ u_0(v): the cross-correlation of intensities peaks at plus the tilt, in pixels."""
-    medium = slab(thickness=20.0, mean_free_path=20.0, g=0.0)
-    width, pixels = 4000.0, 6
-    pitch = 0.5 * 0.5 / width
-    tilt = [pixels * pitch, 0.0] if axis == "x" else [0.0, pixels * pitch]
-    beams = sg.CollimatedBeams(directions=directions_of_sines("tilt", [[0.0, 0.0], tilt]), width=width)
-    grid = sg.FarField.grid(shape=(32, 32), pitch=pitch, side=side, center=(0.1, 0.05))
-    bank = trace(medium, beam_proposal(medium, beams, grid.center_direction), 1, 4000)
-    layout = beam_layout(0.5, medium, beams, grid.sign)
-    field = direct(bank, layout, random_phases(bank, 1), grid.directions.reshape(-1, 3))
-    one, two = np.square(np.abs(field.reshape(2, 32, 32)))
-    one, two = one - one.mean(), two - two.mean()
-    correlation = np.fft.ifft2(np.fft.fft2(two) * np.fft.fft2(one).conj()).real
-    row, column = np.unravel_index(correlation.argmax(), correlation.shape)
-    assert (row, column) == ((0, pixels) if axis == "x" else (pixels, 0))
-    assert correlation.max() / np.sqrt((one**2).sum() * (two**2).sum()) > 0.6
 
 
 # ---- Reversed paths ------------------------------------------------------------------------------------
