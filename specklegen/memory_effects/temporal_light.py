@@ -22,7 +22,6 @@ from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import lobe_loss, steepest
 from specklegen.paths.momentum import at_rest, doppler_shift, momentum_transfer
 from specklegen.paths.tracer import Tracer
-from specklegen.scene.media import as_slab
 from specklegen.scene.motion import Motion
 
 
@@ -141,10 +140,9 @@ def by_ways(asked: Asked, paths: int, seed: Seed) -> Found:
 
 def polarised(asked: Asked, paths: int, seed: Seed, *, seen: Polariser) -> Found:
     """K of what an analyser passes: along the axis from ways turned about it, else from the fields of every pair."""
-    aim, pairs, slab = asked.aim, len(asked.x), as_slab(asked.medium)
-    assert slab is not None, "nothing else is polarised"
+    aim, pairs = asked.aim, len(asked.x)
     if asked.keeps_directions and asked.on_axis:
-        axial = axial_light(slab, seen, paths, seed, transfer=True, threads=asked.threads)
+        axial = axial_light(asked.medium, seen, paths, seed, transfer=True, threads=asked.threads)
         assert axial.transfer is not None, "it was asked for"
         q = np.abs(2 * np.pi / asked.wavelength * np.sin(asked.angles))[asked.number]
         still = axial.sums(0.0)
@@ -154,7 +152,7 @@ def polarised(asked: Asked, paths: int, seed: Seed, *, seen: Polariser) -> Found
         turned, batch, batches = axial.transfer, axial.batch, axial.batches
     else:
         lights, views = np.concatenate([AXIS[None], aim.light]), np.concatenate([aim.view[None], aim.views])
-        tally = pair_light(slab, asked.wavelength, lights, views, asked.number, asked.x, seen, paths, seed,
+        tally = pair_light(asked.medium, asked.wavelength, lights, views, asked.number, asked.x, seen, paths, seed,
                            asked.threads, reverse=aim.reversal.needed, near=asked.near)  # fmt: skip
         sums, weights, turned, batch, batches = tally.sums, tally.weights, tally.transfer, tally.batch, len(tally.sums)
     total = weights.sum()

@@ -266,6 +266,42 @@ def test_it_forgets_in_time_as_correlations_are_transferred(sine):
     refute_z(found.intensity, 0.8 * exact["none"], found.standard_error, degrees=DEGREES)
 
 
+@pytest.mark.parametrize("channel", ["none", "co"])
+def test_layers_of_unlike_particles_lose_correlation_each_by_itself(channel):
+    """Of absorbing layers, which scatter once: e^(-2x (1 - cos)) of what one sends, which moves, and all of the other.
+
+    Light polarised along x is seen along y: across the plane of scattering, where the projector leaves 2 / (1 + cos^2)
+    of the phase function. Along the axis nothing decays, and light of two scatterings is left, the albedo's share.
+    """
+    sine, (first, second), albedo, x = 0.6, (1.0, 2.0), 1e-4, np.array([0.0, 0.3, 1.0])
+    cosine = np.sqrt(1 - sine**2)
+    moving = sg.Brownian(diffusion=(WAVELENGTH / (2 * np.pi)) ** 2)
+    made = [
+        sg.Layer(thickness=1.0, mean_free_path=1 / first, scatterer=sg.HenyeyGreenstein(0.6), motion=moving),
+        sg.Layer(thickness=3.0, mean_free_path=3 / second, scatterer=AIR),
+    ]
+    made = [each.replace(albedo=albedo) for each in made]
+    found = sg.temporal_correlation(sg.Layers(layers=made, polarisation="projector"), wavelength=WAVELENGTH, lags=x,
+                                    channel=channel, view=[0.0, sine, cosine], paths=20_000, seed=3)  # fmt: skip
+    rate, whole = 1 / cosine - 1, first + second  # of e^(-depth - (whole - depth) / cosine), as the depth grows
+    hazy = henyey_greenstein(0.6)(cosine) / (4 * np.pi) * 2 / (1 + cosine**2) * np.expm1(rate * first)
+    clear = 3 / (8 * np.pi) * np.exp(rate * first) * np.expm1(rate * (whole - first))
+    expected = np.square((hazy * np.exp(-2 * x * (1 - cosine)) + clear) / (hazy + clear))
+    assert_z(found.intensity[1:], expected[1:], found.standard_error[1:], degrees=DEGREES, slack=1e-4)
+    refute_z(found.intensity[1:], 1.01 * expected[1:], found.standard_error[1:], degrees=DEGREES, slack=1e-4)
+
+
+def test_layers_of_unlike_particles_are_polarised_along_the_axis_too():
+    """Ways turned about the axis and the fields of each pair, asked for by a view beside it, have the same numbers."""
+    moving = sg.Brownian(diffusion=(WAVELENGTH / (2 * np.pi)) ** 2)
+    made = layers([(1.0, sg.HenyeyGreenstein(0.5)), (2.0, AIR)])
+    made = made.replace(layers=[each.replace(motion=moving) for each in made.layers])
+    ask = {"wavelength": WAVELENGTH, "lags": [0.1, 0.4], "paths": 20_000, "channel": "crossed"}
+    along = sg.temporal_correlation(made, seed=1, **ask)
+    beside = sg.temporal_correlation(made, seed=2, view=[1e-6, 0.0, 1.0], **ask)
+    assert_z(along.intensity, beside.intensity, np.hypot(along.standard_error, beside.standard_error), degrees=DEGREES)
+
+
 def test_exposures_of_a_channel():
     """K^2 of a short exposure is that of one instant, of a long one 0; as the curve says between."""
     medium = slab(3, motion=sg.Brownian(diffusion=(WAVELENGTH / (2 * np.pi)) ** 2))
