@@ -216,10 +216,6 @@ class Store:
         """Return the type in which each array is stored."""
         return {key: self._dtype(key) for key in self.keys}
 
-    def sample_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Return the shape of each array in a sample."""
-        return {key: self._shape(key) for key in self.keys}
-
     def describe(self) -> dict[str, dict[str, Any]]:
         """Return shape (of a sample), dtype (as stored), dims, units and description of each array."""
         described = {key: self.metadata.said(key) for key in self.keys}

@@ -50,24 +50,6 @@ class Correlations(Protocol):
         ...
 
 
-class Correlation(Protocol):
-    """K of one medium, such as :class:`MemoryEffectCorrelation`; if not ``isotropic`` it has ``planar`` instead.
-
-    A sum of products of functions of either axis may have ``on_grid`` besides, of x float64[k, nx], y float64[k, ny].
-    """
-
-    isotropic: bool
-
-    @property
-    def weights(self) -> np.ndarray:
-        """Contributions, all 0 where there is no light."""
-        ...
-
-    def __call__(self, q: np.ndarray) -> np.ndarray:
-        """K at lateral wavevector differences of any shape."""
-        ...
-
-
 def by_distance(
     correlations: Callable[[torch.Tensor], torch.Tensor], dx: torch.Tensor, dy: torch.Tensor
 ) -> torch.Tensor:
@@ -90,7 +72,10 @@ class Tabulated:
 
     Attributes
     ----------
-    correlations : sequence of Correlation
+    correlations : sequence
+        One of each medium, such as :class:`MemoryEffectCorrelation`: K at wavevector differences of any shape,
+        ``weights`` (all 0 where there is no light) and ``isotropic``; if it is not, it has ``planar`` instead. A sum
+        of products of functions of either axis may have ``on_grid`` besides, of x float64[k, nx], y float64[k, ny].
     """
 
     correlations: Sequence[Any]

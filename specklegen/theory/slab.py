@@ -66,25 +66,6 @@ def memory_effect_thick_slab(q: ArrayLike, optical_depth: float) -> np.ndarray:
     return (_x_over_sinh(x) * end**2) ** 2
 
 
-def slab_transmission(optical_depth: float) -> float:
-    """T = 1.6788 / (OD + 1.4208), total transmittance at normal incidence, ballistic light included.
-
-    The numerator is H(1) / sqrt(3) of Chandrasekhar's H function. Within 0.2 % from an optical depth of 5 on; the
-    diffusion approximation's 1.7104 is 1.9 % too high (physics.md 4).
-    """
-    _require_depth("slab_transmission", optical_depth)
-    return 1.6788 / (optical_depth + 2 * EXTRAPOLATION)
-
-
-def double_to_single(optical_depth: float) -> float:
-    """Scattered power of order two over that of order one, OD/2 (ln(1/OD) + 0.92), for a thin infinite slab.
-
-    The leading term in small optical depth; long grazing steps give the logarithm (physics.md 4).
-    """
-    _require_depth("double_to_single", optical_depth)
-    return 0.5 * optical_depth * (np.log(1 / optical_depth) + 0.92)
-
-
 def _x_over_sinh(x: np.ndarray) -> np.ndarray:
     """Return x / sinh x = 2 x e^-x / (1 - e^-2x), without overflow, 1 at 0."""
     x = np.abs(x)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from references.correlation_transfer import exchange, transmittance
+from references.slab import slab_transmission
 from refusals import assert_refused
 from zscore import assert_z, refute_z
 
 from specklegen.oracles.adding_doubling import adding_doubling
-from specklegen.theory.slab import slab_transmission
 
 
 @pytest.mark.parametrize("depth", [10.0, 100.0])

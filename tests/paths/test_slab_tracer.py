@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 from paths_by_hand import connection_weights, entrance_power, phase_function, way_out
+from references.slab import slab_transmission
 from scenes import slab
 from scipy.special import expn
 from scipy.stats import chi2
@@ -20,7 +21,6 @@ from specklegen.paths.proposal import beam_proposal, plane_proposal
 from specklegen.paths.slab_tracer import trace
 from specklegen.scene.illumination import reference_direction
 from specklegen.scene.window import Window
-from specklegen.theory.slab import slab_transmission
 
 AXIS = np.array([0.0, 0.0, 1.0])
 BATCHES = 64

@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from references.slab import double_to_single
 from scipy.stats import chi2
 
 import specklegen as sg
@@ -18,7 +19,6 @@ from specklegen.paths.phase_tables import phase_table
 from specklegen.paths.proposal import plane_proposal
 from specklegen.paths.slab_tracer import trace
 from specklegen.paths.tracer import plane_tracer, volume_tracer
-from specklegen.theory.slab import double_to_single
 
 from .row import FALSE_ALARM, Row, holds, measured, refused, within
 from .scenes import AXIS, REQUIRED, beams, cube, exact_single, scene, slab, unit, views

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 from references.correlation_transfer import quadruple
+from references.slab import slab_transmission
 from scipy.special import expn
 
 import specklegen as sg
 from specklegen.paths.proposal import plane_proposal
 from specklegen.paths.slab_tracer import trace
-from specklegen.theory.slab import slab_transmission
 
 from .row import Row, holds, measured, refused, within
 from .scenes import AXIS, REQUIRED, scene, slab, views

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from references import correlation_transfer
 from references.correlation_transfer import exchange, field_correlation, quadruple, transmittance
+from references.slab import double_to_single, slab_transmission
 from references.slab_covariance import slab_covariance
 from scipy.special import exp1
 
@@ -66,7 +67,7 @@ def test_extrapolation_brackets_the_truth():
 @pytest.mark.parametrize(("optical_depth", "error"), [(5, 8e-4), (10, 5e-6), (50, 2e-5)])
 def test_transmittance_has_its_closed_form(optical_depth, error):
     """The formula's constants have five digits; at OD 5 exponentially small terms count."""
-    assert transmittance(optical_depth) == pytest.approx(slab.slab_transmission(optical_depth), rel=error)
+    assert transmittance(optical_depth) == pytest.approx(slab_transmission(optical_depth), rel=error)
 
 
 def test_thin_slabs_scatter_twice_as_they_should():
@@ -75,7 +76,7 @@ def test_thin_slabs_scatter_twice_as_they_should():
     nodes, weights, edges = correlation_transfer._panels(optical_depth, 0.0, 0.0)
     density = correlation_transfer.collision_density(0.0, edges, np.exp(-nodes), albedo)
     ratio = weights @ (density - np.exp(-nodes)) / (albedo * weights @ np.exp(-nodes))
-    assert ratio == pytest.approx(slab.double_to_single(optical_depth), rel=2 * optical_depth)
+    assert ratio == pytest.approx(double_to_single(optical_depth), rel=2 * optical_depth)
 
 
 def test_the_kernel_is_the_exponential_integral_and_decays_sideways():
