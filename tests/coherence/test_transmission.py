@@ -5,7 +5,6 @@ from zscore import assert_z, refute_z
 
 import specklegen as sg
 from specklegen.coherence.cross_spectral_density import (
-    coherent_modes,
     gaussian_schell_model,
     intensity_from_modes,
     propagate_csd,
@@ -172,11 +171,8 @@ def test_face_modes_are_their_amplitudes_at_the_pixels():
     assert np.abs(made - amplitudes).max() < 1e-12
 
 
-def test_face_modes_of_another_shape_are_refused():
+def test_face_modes_of_another_shape_and_too_many_pixels_are_refused():
     assert_refused(lambda: face_modes(np.ones((35, 2))), "face_modes amplitudes")
-
-
-def test_too_many_pixels_for_the_wavelength_are_refused():
     assert_refused(lambda: face_beams(WAVELENGTH, 5.0, 20), "face_beams count")
 
 
@@ -221,29 +217,3 @@ def test_the_matrix_and_the_samplers_agree_in_distribution():
     assert_z(ours, theirs, np.hypot(error, other), degrees=many - 1)
     law = 1 / effective_source_modes(source.brightness, source.pitch, WAVELENGTH, WIDTH)
     assert_z(ours[1], law + finite_path_excess(scene(source), 500, threads=1), error[1], degrees=many - 1)
-
-
-def test_modes_must_share_the_medium():
-    """Columns of different media lose the overlap of the beams, and with it contrast: why T is rendered at once."""
-    source = gaussian_schell_object(WAVELENGTH, WIDTH, WIDTH)
-    power = source.brightness[source.brightness > 0]
-    count, images = len(power), []
-    for r in range(REALIZATIONS):
-        T = transmission_matrix(scene(source), paths=100, seed=r, threads=1).value
-        images.append(T)
-    strangers = np.stack([[images[(r + j) % REALIZATIONS][:, j] for j in range(count)] for r in range(REALIZATIONS)])
-    contrasts = []
-    for fields in (np.array(images).transpose(0, 2, 1), strangers):
-        intensity = np.tensordot(np.square(np.abs(fields)), power, (1, 0))
-        contrasts.append((intensity.var(axis=0) / intensity.mean(axis=0) ** 2).mean())
-    law = 1 / effective_source_modes(source.brightness, source.pitch, WAVELENGTH, WIDTH)
-    assert contrasts[0] > 0.8 * law
-    assert contrasts[1] < 0.5 * law
-
-
-def test_a_slab_of_one_mode_is_coherent_light():
-    source = gaussian_schell_object(WAVELENGTH, np.inf, WIDTH)
-    eigenvalues, _ = source_modes(source, WAVELENGTH, energy=0.99)
-    assert len(eigenvalues) == 1
-    W0 = gaussian_schell_model(np.linspace(0, 1, 20), np.inf)
-    assert len(coherent_modes(W0, energy=0.999)[0]) == 1

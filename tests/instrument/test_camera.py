@@ -140,19 +140,6 @@ def test_contrast_of_depolarised_light(degree):
     assert_moments(depolarised(one, other, degree), 1, (1 + degree**2) / 2, 6 * (shares**4).sum())
 
 
-def test_correlated_wavelengths_keep_their_contrast():
-    """Two equal images with field correlation c: contrast squared = (1 + c**2) / 2, fields drawn to match."""
-    c = 0.6
-    rng = np.random.default_rng(1)
-    real, imaginary = rng.standard_normal((2, 2, *SHAPE))
-    field = (real + 1j * imaginary) / np.sqrt(2)
-    second = c * field[0] + np.sqrt(1 - c**2) * field[1]
-    total = incoherent_sum([np.abs(field[0]) ** 2, np.abs(second) ** 2])
-    # The sum is that of two independent images with shares (1 + c) / 2 and (1 - c) / 2.
-    shares = np.array([1 + c, 1 - c]) / 2
-    assert_moments(total, 1, (1 + c**2) / 2, 6 * (shares**4).sum())
-
-
 def assert_share(hits, trials, probability):
     assert_z((hits - trials * probability) / binom(trials, probability).std(), "share")
 
@@ -186,13 +173,6 @@ def test_overexposed_and_dark_pixels_do_not_wrap_around():
     dark = expose(Camera(photons=1, read_noise=3), 0 * FLAT, STREAMS)
     assert dark.max() < 30
     assert_share((dark == 0).sum(), dark.size, norm.cdf(0.5 / 3))
-
-
-@pytest.mark.parametrize("bit_depth", [1, 8, 12, 16])
-def test_counts_stay_within_their_bits(bit_depth):
-    counts = expose(Camera(photons=2.0**bit_depth, bit_depth=bit_depth), FLAT[:64], STREAMS)
-    assert counts.dtype == np.uint16
-    assert counts.max() == 2**bit_depth - 1
 
 
 def test_each_noise_has_its_own_substream():

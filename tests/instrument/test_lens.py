@@ -162,15 +162,6 @@ def test_a_point_at_depth_in_focus_and_five_rayleigh_lengths_off():
     assert np.abs(spot).max() / np.abs(image).max() == pytest.approx(np.sqrt(1 + 5**2), rel=0.02)
 
 
-def test_a_lens_is_linear_in_the_precision_it_is_given():
-    through = lens(scene(focus=7.0), 31)
-    far = fields_of(through, 3)
-    exact, single = through.image(far), through.image(far.astype(np.complex64))
-    assert single.dtype == np.complex64
-    assert rms(single - exact) < 3e-6 * rms(exact)
-    np.testing.assert_allclose(through.image(2j * far[:1] + far[1:2]), 2j * exact[:1] + exact[1:2], rtol=1e-9)
-
-
 def test_the_lit_plane_grows_with_the_focus_and_wrapping_around_is_refused():
     near, far = (lit_plane(scene(focus=focus)) for focus in (0.0, 100.0))
     assert far.extent - near.extent == pytest.approx(2 * 100 * np.tan(np.arcsin(0.2)), rel=0.1)

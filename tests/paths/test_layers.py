@@ -102,14 +102,6 @@ def test_the_memory_effect_is_that_of_a_literal_walk():
     assert_z(turned.intensity, curve.intensity, np.hypot(turned.standard_error, curve.standard_error))  # reciprocity
 
 
-def test_a_slab_in_equal_layers_is_the_slab():
-    slab, layers = cut(5)
-    tilts = [0.002, 0.004]
-    one, many = (sg.memory_effect(each, wavelength=0.5, tilts=tilts, paths=64 * 1000, threads=1)
-                 for each in (slab, layers))  # fmt: skip
-    assert_z(many.intensity, one.intensity, np.hypot(one.standard_error, many.standard_error))
-
-
 def test_a_slab_in_equal_layers_has_its_single_scattering():
     """In closed form p(1) OD e^-OD of the slab, and of its layers; their errors from batches of paths."""
     slab, layers = cut(5)

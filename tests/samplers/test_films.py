@@ -153,19 +153,6 @@ def test_frames_of_the_stationary_sampler_forget_as_the_medium_does_tilts_and_al
         assert_z(g1, found.field.real[1:], np.hypot(error, its), degrees=11)
 
 
-def test_frames_are_jointly_gaussian():
-    """E|u|^2|v|^2 = (1 + |g|^2) of both, and E|u|^2|v|^4 follows; of path sums up to one over their number of paths."""
-    stack = sg.render(film(TIMES, WIDE, 20_000.0, (96, 96), 2.5e-5), seed=5, paths=20_000, realizations=30)
-    power = stack.intensity.astype(float).reshape(30, 4, -1)
-    power /= power.mean((0, 2), keepdims=True)
-    g1, _ = correlated(stack.field)
-    for t, g in enumerate(g1, 1):
-        both = (power[:, 0] * power[:, t]).mean(-1)
-        assert_z(both.mean(), 1 + g**2, both.std(ddof=1) / np.sqrt(30), degrees=29)
-        fourth = (power[:, 0] * power[:, t] ** 2).mean(-1)
-        assert_z(fourth.mean(), 2 + 4 * g**2, fourth.std(ddof=1) / np.sqrt(30), degrees=29)
-
-
 SHIFTS, LONG = 4 * np.array([0, 0, 5, 7]), np.array([0.0, 0.5, 2.0, 4.0])
 """Pixels by which tilts move the pattern of frames, and their times."""
 PITCH, PAIRS = 2.5e-5, np.triu_indices(4, 1)

@@ -102,9 +102,6 @@ def test_what_volumes_do_not_have_is_refused(changes, words):
     assert_refused(lambda: recipe_of(**changes), words)
 
 
-def test_the_stationary_sampler_is_refused_with_the_reason():
+def test_the_stationary_sampler_and_a_distance_of_slabs_are_refused():
     assert_refused(lambda: recipe_of(sampler="stationary").plans(), "the medium is a Box")
-
-
-def test_slabs_have_no_distance():
     assert_refused(lambda: load_recipe("tilt-stack", {"camera": {"distance": 50.0}}), "distance")

@@ -117,14 +117,6 @@ def test_variance_of_lags_is_their_spread(looks):
     refute_z(1.05 * ratio, 1.0, error, slack=0.01)
 
 
-def test_shift_and_half_turn_change_nothing():
-    """Which is what an image alone cannot tell."""
-    likelihood = SpeckleLikelihood(flat((32, 32)), (9, 9), Optics(1.3, 3.0))
-    brightness = torch.nn.functional.pad(objects((5, 5)), (1, 3, 2, 2))
-    moved = torch.roll(brightness.flip((-2, -1)), (1, -1), (-2, -1))
-    assert torch.allclose(likelihood(brightness), likelihood(moved), rtol=1e-10)
-
-
 @lru_cache(maxsize=1)
 def scenes():
     """Images of nine families behind five slabs up to three ranges wide, half of them with 20 photons a pixel."""

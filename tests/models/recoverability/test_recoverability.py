@@ -11,11 +11,9 @@ from scenes import ROOT
 from scipy.integrate import quad
 from scipy.stats import binom, binomtest, norm
 from typer.testing import CliRunner
-from zscore import assert_mean, assert_z, refute_mean
 
 from specklegen.cli import commands
 from specklegen.datasets import load_recipe
-from specklegen.instrument.camera import Camera, NoiseStreams, expose
 from specklegen.models import recoverable
 from specklegen.models.recoverability import verdict
 from specklegen.models.recoverability.autocorrelation_error import (
@@ -194,34 +192,10 @@ def test_exposure_by_hand(camera, electrons, saturation):
     assert found.saturation == pytest.approx(saturation)
 
 
-def test_electrons_of_equal_noise_are_the_cameras():
-    """Variance of a flat field, a million pixels; that of a variance is 2/n, counts being nearly Gaussian."""
-    noisy = {"photons": 100.0, "background": 40.0, "dark_current": 5.0, "exposure": 2.0, "read_noise": 6.0, "gain": 9.0}
-    found = conditions_of(load_recipe("through-slab", CHEAP | {"exposure": noisy}))
-    counts = expose(Camera(**noisy), np.ones((1000, 1000)), NoiseStreams.of(1)) * 9.0
-    expected = 9 * 100.0**2 / found.electrons
-    assert_z(counts.var(), expected, expected * np.sqrt(2 / counts.size))
-
-
 def test_frames_of_a_film_by_hand():
     """Half of the spread is kept from frame to frame, so (1 + 2 (2/3 1/2 + 1/3 1/4)) / 3 in the mean of three."""
     film = {"frames": 3, "correlation_time": 4 / np.log(2)}
     assert conditions_of(load_recipe("dynamic-slab", CHEAP | {"dynamics": film})).frames == pytest.approx(18 / 11)
-
-
-def test_frames_of_a_film_are_those_of_fields_that_change():
-    """Squared mean over 3 frames of a lag of the autocovariance, 200 000 pairs of pixels: its expectation is 1 / F."""
-    rng, kept = np.random.default_rng(0), np.exp(-1 / 3.0)
-    fresh = rng.standard_normal((3, 2, 200_000, 2)) @ [1, 1j] / np.sqrt(2)
-    fields = [fresh[0]]
-    for each in fresh[1:]:
-        fields.append(kept * fields[-1] + np.sqrt(1 - kept**2) * each)
-    one, other = np.moveaxis(np.square(np.abs(fields)) - 1, 1, 0)
-    film = {"frames": 3, "correlation_time": 3.0}
-    frames = conditions_of(load_recipe("dynamic-slab", CHEAP | {"dynamics": film})).frames
-    squares = np.square((one * other).mean(0)).reshape(100, -1).mean(1)
-    assert_mean(squares, 1 / frames)
-    refute_mean(squares, 1.1 / frames)
 
 
 @pytest.mark.parametrize("polarised", [True, False])
@@ -334,23 +308,6 @@ def test_fresh_scenes_are_others():
         found = residual(fit.drawn(number, grids[1]).conditions())
         kept = [getattr(table, name)[number] for name in found._fields[:4]]
         assert kept == pytest.approx(list(found[:4]), rel=1e-4, abs=1e-6)
-
-
-def test_predictions_are_replaced_by_those_of_the_tables_own_grid(tmp_path):
-    """Two cells of the fresh table; of another grid's table nothing is changed."""
-    lines = FRESH.read_text().splitlines()[:3]
-    head, *cells = (line.split(",") for line in lines)
-    for cell in cells:
-        cell[head.index("noise")] = cell[head.index("complexity")] = "7"
-    table = tmp_path / "table.csv"
-    table.write_text("\n".join(map(",".join, (head, *cells))) + "\n")
-    spoilt = table.read_text()
-    with pytest.raises(ValueError, match="--grid must be that of the table"):
-        fit.main(["predict", str(table)])
-    assert table.read_text() == spoilt
-    fit.main(["predict", str(table), "--grid", "fresh"])
-    for found, kept in zip(fit.read(table), fit.read(FRESH), strict=True):
-        assert found == pytest.approx(kept[:2], rel=1e-4, abs=1e-6)
 
 
 def test_the_table_has_power():

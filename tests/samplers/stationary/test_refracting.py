@@ -140,18 +140,6 @@ def test_what_goes_straight_is_that_of_the_slab():
     assert drawn.field.shape == (3, 8, 8)
 
 
-def test_the_image_of_an_object_behind_layers_that_refract():
-    """As bright in the mean as behind the slab that they are, within the errors of 20 000 paths and 16 images."""
-    hidden = sg.IncoherentObject(brightness=np.ones((3, 3)), pitch=2e-4, width=8000.0)
-    means = []
-    for medium in (SLAB, BY_FACES):
-        scene = scene_of(medium, sensor=sg.FarField.grid((24, 24), 2e-5)).replace(illumination=hidden)
-        seen = [sg.render(scene, paths=20_000, seed=seed).intensity.mean() for seed in range(16)]
-        means.append(np.array(seen))
-    error = np.hypot(*(each.std(ddof=1) / 4 for each in means))
-    assert_z(means[0].mean(), means[1].mean(), error, degrees=15)
-
-
 BELOW_AIR = sg.Layers([UPPER.replace(index=0.8), LOWER])
 
 

@@ -201,16 +201,6 @@ def test_cells_hold_every_view_and_the_window():
             assert power.sum() == pytest.approx(1)
 
 
-def test_duplicated_tilts_are_equal():
-    scene = stack_scene(pixels=(0, 8, 8, 0))
-    kernel = estimate_correlation(scene.medium, 2000, 1)
-    stack = stack_sampler(scene, kernel, dtype=torch.complex128).sample(1).numpy()
-    scale = np.abs(stack).max()
-    assert np.abs(stack[1] - stack[2]).max() < 1e-6 * scale  # the root of a clipped eigenvalue, 1e-12
-    assert np.abs(stack[0] - stack[3]).max() < 1e-6 * scale
-    assert np.abs(stack[0] - stack[1]).max() > 0.01 * scale
-
-
 def test_tilts_beyond_the_transform_are_refused():
     with pytest.raises(sg.RuleError, match=r"CollimatedBeams.directions must be within the reach.*along x.*paths"):
         sg.render(stack_scene(pixels=(0, 20_000)), paths=1000, sampler="stationary")
@@ -324,17 +314,6 @@ def test_image_is_the_explicit_sum_over_tilts(profile, dtype, tolerance):
         ):
             assert image.shape == grid.shape
             assert np.abs(image.numpy() - exact).max() < tolerance * exact.mean()
-
-
-def test_image_is_linear_in_the_object_and_dark_without_light():
-    _, grid, sampler = objects(torch.complex128)
-    medium = sampler.medium(0)
-    other = OBJECT[::-1]
-    both = sampler.image(medium, 2 * OBJECT + other)
-    np.testing.assert_allclose(both, 2 * sampler.image(medium, OBJECT) + sampler.image(medium, other), rtol=1e-9)
-    for form in ("pairs", "points"):
-        assert not sampler.image(medium, 0 * OBJECT, form=form).any()
-    assert sampler.image(medium, OBJECT).shape == grid.shape
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 0.01, 1e-6])
