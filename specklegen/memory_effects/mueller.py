@@ -8,13 +8,13 @@ of a path together where they interfere. Van de Hulst, *Light Scattering by Smal
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, Any, Unpack
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal, Unpack, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.arguments import complex_array
+from specklegen.core.arguments import choice, complex_array
 from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject, warn_user
@@ -34,6 +34,9 @@ from specklegen.scene.media import PlaneMedium
 
 _SPINS = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -1j], [1j, 0]]])
 """Matrices of I, Q, U and V."""
+_MIRRORED = np.array([1.0, 1.0, -1.0, -1.0])[:, None]
+"""Signs of I, Q, U and V after a mirror image that keeps x."""
+Frame = Literal["laboratory", "travelling"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -44,7 +47,8 @@ class MuellerMatrix(Pictured):
     ----------
     matrix : float64[4, 4]
         From light of unit irradiance to scattered intensity, per area of the face and steradian. Q is what lies along x
-        minus what lies along y, x and y turned the shortest way until they are across the direction of light or view.
+        minus what lies along y, x and y tilted the shortest way until they are across the direction of light or view:
+        the same x and y for light that comes and light that is sent back.
     standard_error : float64[4, 4]
         Of it, from 64 independent batches.
     linear, circular : float
@@ -55,6 +59,9 @@ class MuellerMatrix(Pictured):
     paths : int
     reverse : bool
         Whether reversed paths took part.
+    frame : str
+        "laboratory", as above. In "travelling" x, y and the direction of travel are right-handed for light sent back
+        too, as textbooks have it: y turns round, and with it the signs of U and V, of the degree ``circular`` as well.
 
     Examples
     --------
@@ -73,9 +80,10 @@ class MuellerMatrix(Pictured):
     circular_error: float
     paths: int
     reverse: bool
+    frame: Frame = "laboratory"
 
     _named = {"degree of polarisation, linear": "linear", "degree of polarisation, circular": "circular",
-              "paths": "paths", "reversed paths": "reverse"}  # fmt: skip
+              "paths": "paths", "reversed paths": "reverse", "frame": "frame"}  # fmt: skip
 
     @property
     def contrast(self) -> float:
@@ -85,7 +93,10 @@ class MuellerMatrix(Pictured):
         return float(np.sqrt((1 + (q * q + u * u + v * v) / intensity**2) / 2))
 
     def intensity(self, light: ArrayLike, seen: ArrayLike | None = None) -> float:
-        """Intensity of light of a field complex128[2] along x and y, behind an analyser that passes another."""
+        """Intensity of light of a field complex128[2] along x and y, behind an analyser that passes another.
+
+        Both fields are along the x and y of the matrix' own frame.
+        """
         field = _field("light", light)
         stokes = np.einsum("a,iab,b->i", field.conj(), _SPINS, field).real
         if seen is None:
@@ -114,8 +125,8 @@ def _field(name: str, value: ArrayLike) -> np.ndarray:
 @shielded()
 def mueller_matrix(
     medium: PlaneMedium, *, wavelength: Annotated[float, WAVELENGTH], budget: Budget | None = None,
-    mode: Mode = "transmission",
-    view: ArrayLike | None = None, **fields: Unpack[BudgetFields],
+    mode: Mode = "transmission", view: ArrayLike | None = None, frame: Frame = "laboratory",
+    **fields: Unpack[BudgetFields],
 ) -> MuellerMatrix:  # fmt: skip
     """Estimate the mean Mueller matrix of the light that a slab scatters into one direction, at normal incidence.
 
@@ -130,6 +141,10 @@ def mueller_matrix(
     view
         float64[3], direction in which light is seen. By default the axis in transmission, and in reflection 5 degrees
         off exact backscattering, away from its enhancement.
+    frame
+        "laboratory": x and y are the same for light that comes and light that is sent back. "travelling": right-handed
+        with the direction of travel, as is usual (van de Hulst 1957; Bohren and Huffman 1983): of light sent back U and
+        V have the other sign. In transmission both are one.
     budget
         Paths, an error or a time, seed, threads and reversed paths (:class:`specklegen.Budget`). ``rel_error``
         is the largest standard error of the degrees of polarisation. By default 100 000 paths.
@@ -157,6 +172,7 @@ def mueller_matrix(
     """
     owner = "mueller_matrix"
     budget = budget_of(owner, budget, fields)
+    choice(f"{owner} frame", frame, get_args(Frame))
     aim = aimed(owner, medium, wavelength, np.zeros(1), mode, view, budget.reverse, budget.tolerance)
     if medium.polarisation == "scalar":
         reject(f"{owner} medium", 'one with polarisation = "projector" or "vector"', medium.polarisation,
@@ -164,7 +180,10 @@ def mueller_matrix(
     both = aim.reversal.needed
 
     def run(count: int, seed: Seed) -> MuellerMatrix:
-        return _estimate(medium, float(wavelength), aim.view, count, seed, budget.threads, both)
+        found = _estimate(medium, float(wavelength), aim.view, count, seed, budget.threads, both)
+        if frame == "laboratory" or aim.side > 0:
+            return replace(found, frame=frame)
+        return replace(found, frame=frame, matrix=_MIRRORED * found.matrix, circular=-found.circular)
 
     def worst(count: int) -> float:
         matrix = run(count, pilot_seed(medium.unitless_fingerprint()))

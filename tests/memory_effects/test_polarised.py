@@ -312,6 +312,25 @@ def test_exposures_of_a_channel():
     assert found.contrast([0.4]).squared[0] == pytest.approx(by_curve, rel=0.02)  # bias of a square, and of 81 points
 
 
+def test_light_sent_back_has_the_signs_of_textbooks_in_a_travelling_frame():
+    """Once scattered by Rayleigh's particles: Bohren and Huffman (1983), Eq. 5.4, Q along the plane of scattering."""
+    thin = sg.Slab(thickness=1.0, mean_free_path=100.0, albedo=1e-4, scatterer=AIR, polarisation="vector")
+    sine, cosine = 0.6, -0.8
+    expected = np.diag([1 + cosine**2, 1 + cosine**2, 2 * cosine, 2 * cosine]) / (1 + cosine**2)
+    expected[0, 1] = expected[1, 0] = (cosine**2 - 1) / (1 + cosine**2)
+    ask = {"wavelength": WAVELENGTH, "mode": "reflection", "view": [sine, 0.0, cosine], "paths": 2000}
+    travelling = sg.mueller_matrix(thin, frame="travelling", **ask)
+    fixed = sg.mueller_matrix(thin, **ask)
+    np.testing.assert_allclose(travelling.matrix / travelling.matrix[0, 0], expected, atol=2e-4)
+    np.testing.assert_array_equal(travelling.matrix, HANDS @ fixed.matrix)
+    assert (travelling.circular, fixed.frame) == (-fixed.circular, "laboratory")
+    ahead = ask | {"mode": "transmission", "view": None}
+    one, other = (sg.mueller_matrix(thin, frame=frame, **ahead) for frame in ("laboratory", "travelling"))
+    np.testing.assert_array_equal(one.matrix, other.matrix)
+    with pytest.raises(sg.RuleError, match='mueller_matrix frame must be one of "laboratory", "travelling"'):
+        sg.mueller_matrix(thin, frame="fixed", **ask)
+
+
 def test_of_what_changes_nothing_the_intensity_is_that_of_malus():
     """Of the matrix 1: |a^+ e|^2 of any field e behind an analyser that passes a, and |e|^2 without one."""
     nothing = sg.MuellerMatrix(np.eye(4), np.zeros((4, 4)), 1.0, 0.0, 1.0, 0.0, 1, False)  # noqa: FBT003
