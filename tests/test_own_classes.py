@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import os
 import pickle
 import subprocess
 import sys
@@ -127,7 +128,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def recipe(folder):
-    return load_recipe(folder / "hoops.toml")
+    return load_recipe(folder / "hoops.toml", trusted=True)
 
 
 @pytest.fixture(scope="module")
@@ -192,6 +193,54 @@ def test_the_command_line_generates_and_verifies(folder, tmp_path):
     succeed("plan", folder / "hoops.toml", "--samples", 4)
     shown = tomllib.loads(succeed("recipes", "show", folder / "hoops.toml"))
     assert shown["objects"]["type"] == f"{folder}/specklegen_own:Hoops"
+
+
+def test_files_from_outside_run_nothing_unless_trusted(tmp_path, monkeypatch):
+    """A module that says when it is run: the recipe, the scene and the texts that name it are refused before."""
+    outside, work, mark = tmp_path / "outside", tmp_path / "work", tmp_path / "ran"
+    outside.mkdir()
+    work.mkdir()
+    source = f"from pathlib import Path\nPath({str(mark)!r}).touch()\nfrom specklegen.datasets.objects import Glyphs\n"
+    for name in "abc":
+        (outside / f"stranger_{name}.py").write_text(f"{source}class H{name}(Glyphs):\n    pass\n")
+    written = scene(sg.FarField.grid((2, 2), 1e-3)).to_toml()
+    (outside / "scene.toml").write_text(written.replace('type = "FarFieldGrid"', 'type = "stranger_b:Circle"'))
+    for place in (outside, work):
+        text = HOOPS.replace("specklegen_own:Hoops", f"{outside}/stranger_a:Ha").replace("width = 1.5", "")
+        (place / "hoops.toml").write_text(text if place == work else text.replace(f"{outside}/", ""))
+    monkeypatch.chdir(work)
+    importlib.invalidate_caches()
+    path = f"{outside}/stranger_a:Ha"
+    table = {"type": path, "shape": [12, 12]}
+    words = "not trusted.*stranger_.*trusted=True.*--trust"
+    through = load_recipe("through-slab", SMALL)
+    as_json = json.loads(through.canonical_json()) | {"objects": table}
+    for act in (
+        lambda: load_recipe(outside / "hoops.toml"),
+        lambda: load_recipe("hoops.toml", trusted=False),
+        lambda: type(through).from_json(json.dumps(as_json)),
+        lambda: type(through).from_json(json.dumps(as_json | {"sampler": "stranger_a:S"})),
+        lambda: sg.Scene.from_toml((outside / "scene.toml").read_text()),
+    ):
+        assert_refused(act, words)
+    recipe, scene_file = outside / "hoops.toml", outside / "scene.toml"
+    for command in (("generate", recipe, "--out", "a.zarr"), ("recipes", "show", recipe),
+                    ("render", "--scene", scene_file), ("compare", scene_file)):  # fmt: skip
+        refused = run(*command)
+        assert "not trusted" in str(refused.exception), command
+        assert "runs code" not in refused.output
+    assert not mark.exists()
+    assert "runs code" in succeed("--trust", "plan", outside / "hoops.toml", "--samples", 4)
+    assert mark.exists()
+    mark.unlink()
+    assert "SPECKLEGEN_TRUST" not in os.environ, "of that command alone"
+    assert type(load_recipe(outside / "hoops.toml").objects).__name__ == "Ha", "its module is loaded now"
+    monkeypatch.setenv("SPECKLEGEN_TRUST", "1")
+    (outside / "b.toml").write_text(HOOPS.replace("specklegen_own:Hoops", "stranger_b:Hb").replace("width = 1.5", ""))
+    load_recipe(outside / "b.toml")
+    monkeypatch.delenv("SPECKLEGEN_TRUST")
+    load_recipe("through-slab", SMALL | {"objects": table | {"type": f"{outside}/stranger_c:Hc"}})  # of the program
+    assert mark.exists()
 
 
 def test_another_class_of_the_name_is_another_recipe(recipe, folder, tmp_path):

@@ -30,6 +30,7 @@ from specklegen.cli import (
 from specklegen.cli.examples import epilog
 from specklegen.cli.failures import failures_told
 from specklegen.cli.settings import Generated, unmade
+from specklegen.core.registry import trusting_all
 
 app = typer.Typer(
     help="Correlated speckle image stacks, and data sets for seeing through scattering media.",
@@ -49,11 +50,17 @@ def _show_version(asked: bool) -> None:
 
 @app.callback()
 def specklegen(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
     ] = False,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Import the modules that files outside this folder name, which runs them.")
+    ] = False,
 ) -> None:
     """Correlated speckle image stacks, and data sets for seeing through scattering media."""
+    if trust:
+        context.with_resource(trusting_all())
 
 
 app.add_typer(recipes.recipes, name="recipes", epilog=epilog("recipes"))

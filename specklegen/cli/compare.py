@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from specklegen.cli.output import AsJson, echo_json, require_writable, writable, write_csv
 from specklegen.cli.recipe_options import Seed, Set, load, names_starting_with
+from specklegen.cli.scenes import scene_in
 from specklegen.cli.settings import argument, option
 from specklegen.core.errors import reject
 from specklegen.core.tables import json_table, read_text, toml_table
@@ -82,8 +83,6 @@ def compare_command(
 
 def scene_of(what: str, changes: list[str] | None) -> "Scene":
     """The scene of a file, or the first scene of a recipe."""
-    import specklegen as sg
-
     path = Path(what)
     if path.suffix in (".json", ".toml"):
         text = read_text(path, "compare")
@@ -91,7 +90,7 @@ def scene_of(what: str, changes: list[str] | None) -> "Scene":
         if path.suffix == ".json" or {"illumination", "sensor"} <= table.keys():
             if changes:
                 reject("compare --set", "left out where a file holds a scene", " ".join(changes), f"Change {what}.")
-            return sg.Scene(**table)
+            return scene_in(path)
     plans = load(what, changes).plans()
     if not plans:
         reject("compare recipe", "one that renders scenes", what)

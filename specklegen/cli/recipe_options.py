@@ -54,11 +54,14 @@ def load(recipe: str, changes: list[str] | None, images: Path | None = None, obj
     from specklegen.datasets import load_recipe
     from specklegen.datasets.recipes.hidden_object import HiddenObject
     from specklegen.datasets.recipes.overrides import changes_of
-    from specklegen.datasets.recipes.recipe_files import merged, recipe_table
+    from specklegen.datasets.recipes.recipe_files import recipe_table
+    from specklegen.datasets.recipes.registry import imports_of_recipe
 
     table = changes_of(changes or [])
-    for path in import_paths(merged(recipe_table(recipe), table)):
-        typer.echo(f"{recipe} runs code: it imports {path}", err=True)
+    whole = recipe_table(recipe, table)
+    with imports_of_recipe(recipe, whole, table):
+        for path in import_paths(whole):
+            typer.echo(f"{recipe} runs code: it imports {path}", err=True)
     if images is None and objects is None:
         return load_recipe(recipe, table)
     if images is not None and objects is not None:

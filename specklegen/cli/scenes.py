@@ -13,7 +13,7 @@ from specklegen.cli.output import AsJson, echo_json, require_left_out, writable,
 from specklegen.cli.recipe_options import Seed
 from specklegen.cli.settings import option
 from specklegen.core.errors import reject
-from specklegen.core.registry import anchored
+from specklegen.core.registry import anchored, import_paths, imports_of, is_trusted
 from specklegen.core.tables import json_table, read_text, toml_table
 from specklegen.core.units import DEGREE, DIFFUSION, LENGTH, SINE, TIME, WAVELENGTH
 
@@ -116,7 +116,11 @@ def scene_in(file: Path) -> "Scene":
 
     text = read_text(file, "--scene")
     read = json_table if file.suffix == ".json" else toml_table
-    return sg.Scene(**anchored(read(text, f"scene {file}"), file.parent))
+    table = anchored(read(text, f"scene {file}"), file.parent)
+    with imports_of(table, is_trusted(file)):
+        for path in import_paths(table):
+            typer.echo(f"{file} runs code: it imports {path}", err=True)
+        return sg.Scene(**table)
 
 
 def memory_effect_command(

@@ -3,13 +3,17 @@
 What is not known by its name may be asked for by its import path, ``"module:Name"``: the module is then imported,
 **which runs its code**. A table or command that holds such a path is a program, and to be trusted as one. The module
 lies in the folder that is written before it (``"shapes/rings:Rings"``), in that of the file which holds the path, or
-else on ``sys.path``. Its folder joins the end of ``sys.path``, so that worker processes find it too.
+else on ``sys.path``. Its folder joins the end of ``sys.path``, so that worker processes find it too. A file that is not
+trusted (:func:`imports_of`) can name modules so that are loaded already, and no others.
 """
 
+import contextlib
 import importlib
+import os
 import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -19,6 +23,11 @@ _WORD = r"[^\W\d]\w*"
 _PATH = re.compile(rf"(?:(?P<folder>.*)/)?(?P<module>{_WORD}(?:\.{_WORD})*?)(?:\.py)?:(?P<name>{_WORD})")
 IMPORTABLE = ("type", "kind", "sampler")
 """Keys of tables whose texts may be import paths."""
+
+TRUST = "SPECKLEGEN_TRUST"
+"""Environment variable that is 1 where files outside the working folder are trusted too."""
+_ALLOWED: ContextVar[frozenset[str] | None] = ContextVar("_ALLOWED", default=None)
+"""Import paths that may be followed now; None where all may."""
 
 T = TypeVar("T")
 
@@ -45,6 +54,7 @@ def imported(field: str, path: str) -> Any:
     match = _PATH.fullmatch(path)
     if match is None:
         reject(field, 'an import path such as "my_module:Name"', path)
+    _require_allowed(field, path)
     folder = Path(match["folder"] if match["folder"] is not None else ".").expanduser().resolve()
     file = _file_of(folder, match["module"])
     if file is None and match["folder"] is not None:
@@ -64,6 +74,53 @@ def imported(field: str, path: str) -> Any:
     if not hasattr(module, match["name"]):
         reject(field, f"a name that {match['module']} defines", path)
     return getattr(module, match["name"])
+
+
+def is_trusted(file: Path) -> bool:
+    """Return whether a file lies below the working folder, or the environment says that all files are trusted."""
+    return os.environ.get(TRUST) == "1" or file.resolve().is_relative_to(Path.cwd())
+
+
+@contextlib.contextmanager
+def trusting_all() -> Iterator[None]:
+    """Trust files anywhere, in this process and in those that it starts."""
+    before = os.environ.get(TRUST)
+    os.environ[TRUST] = "1"
+    try:
+        yield
+    finally:
+        os.environ.pop(TRUST) if before is None else os.environ.update({TRUST: before})
+
+
+@contextlib.contextmanager
+def imports_of(table: Any, trusted: bool, allowed: Collection[str] = ()) -> Iterator[None]:
+    """Refuse import paths, unless the table is trusted, their modules are loaded, or they are among those allowed."""
+    if trusted:
+        yield
+        return
+    token = _ALLOWED.set(frozenset(allowed))
+    try:
+        for path in import_paths(table):
+            _require_allowed("import path", path)
+        yield
+    finally:
+        _ALLOWED.reset(token)
+
+
+def _require_allowed(field: str, path: str) -> None:
+    allowed, match = _ALLOWED.get(), _PATH.fullmatch(path)
+    if allowed is None or path in allowed or match is None:
+        return
+    module = sys.modules.get(match["module"])
+    if module is not None and match["folder"] is None:
+        return
+    if module is not None and getattr(module, "__file__", None):
+        file = _file_of(Path(match["folder"]).expanduser().resolve(), match["module"])
+        if Path(str(module.__file__)).resolve() == file:
+            return
+    reject(field, "a name, where the file that holds it is not trusted", path,
+           "Its module would be imported, which runs its code. Read both; then say trusted=True in Python, "
+           "or `specklegen --trust COMMAND ...`.")  # fmt: skip
 
 
 def _file_of(folder: Path, module: str) -> Path | None:

@@ -46,6 +46,7 @@ from specklegen.core.quantities import (
     trusting,
     with_texts,
 )
+from specklegen.core.registry import imports_of
 from specklegen.core.shielded import FLOAT_ERRORS
 from specklegen.core.tables import json_table, toml_table
 
@@ -266,14 +267,19 @@ class Value(BaseModel, metaclass=Legible):
         return tomli_w.dumps(_without_none(self.model_dump(mode="json", by_alias=True, exclude_none=True)))
 
     @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Read a value from JSON."""
-        return cls(**json_table(text, f"{cls.__name__} in JSON"))
+    def from_json(cls, text: str, *, trusted: bool = False) -> Self:
+        """Read a value from JSON; import paths such as "my_module:Rings" are refused unless the text is trusted."""
+        return cls._from_table(json_table(text, f"{cls.__name__} in JSON"), trusted)
 
     @classmethod
-    def from_toml(cls, text: str) -> Self:
-        """Read a value from TOML."""
-        return cls(**toml_table(text, f"{cls.__name__} in TOML"))
+    def from_toml(cls, text: str, *, trusted: bool = False) -> Self:
+        """Read a value from TOML; import paths such as "my_module:Rings" are refused unless the text is trusted."""
+        return cls._from_table(toml_table(text, f"{cls.__name__} in TOML"), trusted)
+
+    @classmethod
+    def _from_table(cls, table: dict[str, Any], trusted: bool) -> Self:
+        with imports_of(table, trusted):
+            return cls(**table)
 
     def replace(self, **changes: Any) -> Self:
         """Return a copy with some fields changed, validated anew."""
