@@ -24,7 +24,6 @@ from scipy.interpolate import CubicSpline
 import specklegen as sg
 from specklegen.core.content import Admitted, content_digest
 from specklegen.core.errors import RuleError
-from specklegen.datasets import SpeckleStream
 from specklegen.datasets.store.generate import generate
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation
 
@@ -156,25 +155,6 @@ def test_a_file_that_is_edited_is_noticed_by_processes_that_start_later(tmp_path
         said = run([sys.executable, "-c", RUN, str(file)]).stdout.split()
         assert len(said) == 2
         assert said.count(b"refused") == refused
-
-
-def test_a_stream_of_ones_own_class_is_the_same_in_workers():
-    recipe = quick_recipe("tilt-stack",
-                          material={"kernel_paths": 1000, "scatterer": {"type": "Screened", "concentration": 4.0}},
-                          camera={"shape": [16, 16]}, samples={"train": 4})  # fmt: skip
-    alone = [*SpeckleStream(recipe, batch_size=2).loader()]
-    for found, expected in zip(SpeckleStream(recipe, batch_size=2).loader(num_workers=1), alone, strict=True):
-        assert_same(found, expected)
-
-
-class Screened(sg.Scatterer):
-    """A phase function of somebody's own that workers can import."""
-
-    concentration: float
-
-    def shape(self, cos, dimensions=3):
-        """Of a screened charge."""
-        return 1 / (1 + self.concentration * (1 - np.asarray(cos)))
 
 
 def test_packaged_classes_count_by_their_fields_alone():

@@ -131,38 +131,6 @@ def test_dim_light_has_no_full_well():
     assert_z([fit.gain, fit.read_noise], [1.0, 10.0], [fit.gain_error, fit.read_noise_error])
 
 
-def test_even_light_serves_too():
-    fit = sg.fit_camera(*frames(PLAIN, np.ones((128, 128)), LEVELS[::2], 11))
-    assert fit.full_well is None
-    assert_z([fit.gain, fit.read_noise], [2.5, 3.0], [fit.gain_error, fit.read_noise_error])
-
-
-def test_a_camera_without_read_noise():
-    camera = Camera(photons=1.0, gain=1.0, bit_depth=12)
-    fit = sg.fit_camera(*frames(camera, speckle(128, 5), [20, 50, 100, 200], 8))
-    assert_z(fit.gain, 1.0, fit.gain_error)
-    assert fit.offset == 0
-    assert fit.read_noise <= 4 * fit.read_noise_error
-
-
-def test_fitted_and_true_camera_are_not_told_apart():
-    """Counts of 20 images: variance over the fitted camera's own noise model, pixel by pixel of known light."""
-    truth, fit = fit_drawn(3, 7, 192)
-    light, photons = speckle(96, 11), truth.full_well / 30
-    mine, theirs = fit.camera(photons), truth.replace(photons=photons)
-    scores = []
-    for number in range(20):
-        counts = expose(theirs, light, NoiseStreams.of([77, number])).astype(float)
-        charge = photons * light
-        variance = charge / mine.gain**2 + (mine.read_noise / mine.gain) ** 2 + 1 / 12
-        scores.append(np.mean(np.square(counts - charge / mine.gain - mine.offset) / variance))
-    # A pixel's score has the variance 2, for Poisson numbers a little more; gain and read noise have their errors too.
-    own = np.hypot(2 * fit.gain_error / fit.gain, 2 * fit.read_noise_error / fit.read_noise)
-    assert_z(np.mean(scores), 1.0, np.hypot(np.sqrt(2.2 / (20 * light.size)), own))
-    wrong = np.mean(np.square((counts - charge / mine.gain - mine.offset)) / (1.1 * variance))
-    refute_z(wrong, 1.0, np.hypot(np.sqrt(2.2 / (20 * light.size)), own))  # a noise 10 % off
-
-
 @pytest.fixture(scope="module")
 def good():
     return frames(PLAIN, speckle(64, 6), LEVELS[::3], 9)

@@ -213,7 +213,12 @@ def test_the_size_is_judged_before_the_numbers_are_read(tmp_path, monkeypatch):
             read_measurement(tmp_path / name)
 
 
-@pytest.mark.parametrize("write", [write_bmp, write_png, write_lzw, write_tiff, write_numpy, write_matlab])
+def write_hdf5(folder):
+    with pytest.importorskip("h5py").File(folder / "a.h5", "w") as file:
+        file.create_dataset("frames", data=COUNTS, compression="gzip")
+
+
+@pytest.mark.parametrize("write", [write_bmp, write_png, write_lzw, write_tiff, write_numpy, write_matlab, write_hdf5])
 def test_damaged_files_are_refused_or_read_and_nothing_else(write, tmp_path):
     """Bytes changed, cut off and doubled, 40 times a format: a RuleError or a Measurement."""
     write(tmp_path)
@@ -233,25 +238,6 @@ def test_damaged_files_are_refused_or_read_and_nothing_else(write, tmp_path):
         except RuleError:
             refused += 1
     assert refused >= 10  # those that were cut off
-
-
-def test_damaged_hdf5(h5py, tmp_path):
-    path = tmp_path / "a.h5"
-    with h5py.File(path, "w") as file:
-        file.create_dataset("frames", data=COUNTS, compression="gzip")
-    whole = path.read_bytes()
-    refused = 0
-    for seed in range(40):
-        rng = np.random.default_rng(seed)
-        damaged = bytearray(whole)
-        for at in rng.integers(0, len(whole), 20):
-            damaged[at] = rng.integers(256)
-        path.write_bytes(damaged)
-        try:
-            assert read_measurement(path).light.ndim == 3
-        except RuleError:
-            refused += 1
-    assert refused >= 10
 
 
 def test_a_small_file_that_unfolds_to_a_large_one_is_refused(tmp_path):

@@ -36,27 +36,6 @@ def test_what_is_in_work_is_bounded_by_the_threads(threads, paths, per_path, fie
     assert beside == 1 or beside * (chunks.connections + fields / 8) <= threads * 2**17
 
 
-def test_every_thread_has_a_small_chunk_and_large_ones_are_fewer():
-    small, large = Chunks(10**6, 1.0), Chunks(10**7, 1.0, 2**18)
-    assert small.side_by_side(4, 5e4) == 4
-    assert large.side_by_side(4, 5e4) == 1
-    assert small.side_by_side(4, 1e8) == 1
-    assert Chunks(1000, 1.0).side_by_side(4, 5e4) == 1
-    assert Chunks(1000, 1.0).side_by_side(4, 5e4, realizations=3) == 3
-
-
-def test_large_transforms_get_more_connections_at_a_time():
-    """On a wide grid the transforms cost more than the connections: fewer chunks, but never beyond what one needs."""
-    counts = {}
-    for views in (64, 800):
-        grid = sg.FarField.grid(shape=(views, views), pitch=4e-6)
-        scene = sg.Scene(wavelength=1.0,
-                         medium=sg.Slab(thickness=500.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g=0.8)),
-                         illumination=sg.CollimatedBeams.tilts([0.0], width=1e5), sensor=grid)  # fmt: skip
-        counts[views] = sg.plan(scene, paths=1_000_000, sampler="paths").chosen.work.chunks.count
-    assert counts[64] >= 2 * counts[800]
-
-
 # ---- In turn -------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("workers", [1, 2, 5])
 def test_results_come_in_the_order_of_the_jobs(workers):

@@ -183,15 +183,6 @@ def test_modes_and_contrast_are_those_of_all_pairs_of_pixels():
     assert abs(mirrored / float(weights.sum()) - expected) > 2e-3 * expected
 
 
-def test_images_behind_two_analysers_have_speckle_of_their_own():
-    (_, co), (_, crossed) = (
-        seen(each, ((2, 2),), seed=6, realizations=20, paths=5000)
-        for each in (sg.Polarisers.parallel(), sg.Polarisers.crossed())
-    )
-    pairs = np.array([np.corrcoef(a.ravel(), b.ravel())[0, 1] for a, b in zip(co, crossed, strict=True)])
-    assert_z(pairs.mean(), 0.0, pairs.std() / np.sqrt(len(pairs)), degrees=19)
-
-
 @pytest.mark.parametrize("lobe", ["rayleigh", "mie"])
 def test_circular_light_and_amplitude_matrices_are_drawn_too(lobe):
     """Kept helicity against path sums: the mean, and C_I of a tilt."""

@@ -7,8 +7,7 @@ from numpy.testing import assert_allclose
 from refusals import assert_refused
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
-from scipy.optimize import brentq, least_squares
-from scipy.special import expit
+from scipy.optimize import brentq
 from zscore import assert_mean, refute_mean
 
 from specklegen.oracles.adding_doubling import adding_doubling
@@ -71,15 +70,6 @@ def test_classes_are_the_matrix_of_their_pairs():
         )
 
 
-def test_power_against_the_forgotten_two():
-    """Y for 2 Y, or intensities of classes added: each is off by more than any bound of this file."""
-    y, p, exposure = np.array([1.0, 5.0]), np.array([0.5, 0.5]), 0.3
-    right = float(sc.class_contrast_squared(y, p, exposure))
-    assert abs(float(sc.class_contrast_squared(y / 2, p, exposure)) / right - 1) > 0.2
-    added = p @ exposure_average(4 * y * exposure)
-    assert abs(added / right - 1) > 0.02
-
-
 @pytest.mark.parametrize("frames", [1, 2, 3, 8, 33])
 def test_sub_frames_are_a_double_sum_over_their_midpoints(frames):
     instants = (np.arange(frames) + 0.5) / frames * 2.4
@@ -116,30 +106,6 @@ def test_figures_of_a_slab(isotropic):
         whole = sc.contrast_squared(isotropic, times * last)
         over = [100 * (sc.sub_frame_contrast_squared(isotropic, times * last, n) / whole - 1) for n in frames]
         assert_allclose(over, percent, atol=0.1, rtol=0.015)  # printed with two digits
-
-
-def multi_exposure(exposures, squared, start):
-    """Correlation time and dynamic share of the multi-exposure model, by relative least squares."""
-
-    def miss(numbers):
-        model = sc.exponential_contrast_squared(exposures, np.exp(numbers[0]), dynamic_share=expit(numbers[1]))
-        return model / squared - 1
-
-    log_time, share = least_squares(miss, [np.log(start), 2.0], xtol=1e-12, ftol=1e-12).x
-    return np.exp(log_time), expit(share)
-
-
-def test_the_multi_exposure_model(isotropic):
-    """It returns what it was made of, and finds a tenth of a slab at rest in which nothing is."""
-    exposures = np.geomspace(0.01, 10, 15)
-    made = sc.exponential_contrast_squared(exposures, 0.6, dynamic_share=0.85)
-    assert_allclose(multi_exposure(exposures, made, 1.0), [0.6, 0.85], rtol=1e-6)
-    last = brentq(lambda x: isotropic(x) - np.exp(-1), 1e-4, 1)
-    squared = np.array([sc.contrast_squared(isotropic, exposure * last) for exposure in exposures])
-    time, share = multi_exposure(exposures * last, squared, last)
-    # The figures of docs/contrast.md; the spline of g1 leaves their third digit alone.
-    assert_allclose([time / last, share], [0.772, 0.900], atol=1.5e-3)
-    assert float(sc.correlation_time(squared[10], exposures[10] * last) / last) < 0.9
 
 
 @pytest.mark.parametrize("rho", [1.0, 0.6, 1e-3])

@@ -222,13 +222,6 @@ def test_images_of_characters_that_were_trained_on_are_passed_over():
         assert unseen(benchmark, 0, "test", 3, set(CHARACTERS)) == [0, 1, 2]
 
 
-def test_one_alignment_a_target(batch, monkeypatch):
-    seen = []
-    monkeypatch.setattr(evaluation, "align", lambda image, target: seen.append(1) or target)
-    evaluation.evaluate({"blank": lambda b: torch.zeros(len(b["object"]), 12, 12)}, [batch])
-    assert len(seen) == len(evaluation.TARGETS)
-
-
 def test_the_solver_is_a_method():
     """Of two images it makes what the solver makes of each, and better than another object."""
     recipe = load_recipe("one-angular-size")
