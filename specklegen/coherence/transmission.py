@@ -32,7 +32,7 @@ _NULL = 1e-12  # of the trace: power below which a mode is rounding
 
 @shielded()
 def transmission_matrix(
-    scene: Scene, modes: np.ndarray | None = None, *, budget: Budget | None = None, sampler: AnySampler = "paths",
+    scene: Scene, modes: np.ndarray | None = None, *, budget: Budget | None = None, sampler: AnySampler | None = None,
     mean: bool = False, **fields: Unpack[BudgetFields],
 ) -> GreensMatrix:  # fmt: skip
     """Return the transmission matrix of one medium, sensor pixels x illumination modes.
@@ -50,8 +50,8 @@ def transmission_matrix(
         :func:`specklegen.render`. By default 100 000 paths. Two calls with one seed see the same medium where
         the scenes are the same; otherwise only about, since each scene has its own pilot.
     sampler
-        "auto" takes the cheapest that is right within the tolerance; "paths", "stationary", "covariance", "screens"
-        or one of your own, where you know better (:func:`specklegen.plan` says what each serves).
+        "paths", "stationary", "covariance", "screens", one of your own, or "auto", the cheapest that is right within
+        the tolerance (:func:`specklegen.plan` says what each serves). By default "paths", and "screens" of thin media.
     mean
         Add the mean field: what is not scattered, and the mean of what is.
     fields
@@ -83,6 +83,7 @@ def transmission_matrix(
     if modes is not None and (modes.ndim != 2 or modes.shape[0] != count):
         reject("transmission_matrix modes", f"of shape ({count}, K), one row a beam", modes.shape)
     budget = budget_of("transmission_matrix", budget, fields, unused=("tolerance",))
+    sampler = sampler or ("paths" if scene.thin is None else "screens")
     stack = rendered(scene.replace(illumination=beams), budget, Options(sampler, mean, owner="transmission_matrix"))
     value = stack.field.reshape(count, -1).T.astype(np.complex128)
     if modes is not None:
