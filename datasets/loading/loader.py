@@ -14,6 +14,37 @@ from specklegen.datasets.loading.epochs import EpochBatches
 from specklegen.datasets.store.identity import differences
 from specklegen.datasets.workers import worker_context
 
+_TAKEN_ALWAYS = ("generator", "pin_memory_device")
+_TAKEN_BY_WORKERS = ("persistent_workers", "multiprocessing_context", "worker_init_fn")
+_REFUSED = {
+    "batch_size": "Give it to the stream, or to cache.shuffled, which makes the batches.",
+    "drop_last": "Give it to the stream, or to cache.shuffled, which makes the batches.",
+    "shuffle": "Samples of a stream are independent, in any order; a store is shuffled by cache.shuffled(seed=...).",
+    "sampler": "The order is that of the stream, or of cache.shuffled, so that a position can be resumed.",
+    "batch_sampler": "The order is that of the stream, or of cache.shuffled, so that a position can be resumed.",
+    "collate_fn": "Batches are made in the stream; change them in the training loop.",
+    "in_order": "Batches out of their order could not be resumed.",
+    "dataset": "It is the stream, or the shuffled cache, that the loader is of.",
+}
+"""Arguments of DataLoader that would change the order or the batches, and why they are refused."""
+
+
+def _require_harmless(batches: EpochBatches, options: dict[str, Any]) -> None:
+    """Refuse arguments of a DataLoader that would change the batches; those that say what is so anyway are taken."""
+    so_anyway = {"batch_size": (None, batches.batch_size), "drop_last": (batches.drop_last,), "in_order": (True,)}
+    so_anyway |= {"shuffle": (False, None), "sampler": (None,), "batch_sampler": (None,), "collate_fn": (None,)}
+    for name, value in options.items():
+        if name in _REFUSED and not any(value is same or value == same for same in so_anyway.get(name, ())):
+            reject(f"loader.{name}", "left out", value, _REFUSED[name])
+        if name not in (*_REFUSED, *_TAKEN_ALWAYS, *_TAKEN_BY_WORKERS):
+            names = ["repeat", "pin_memory", "timeout", "prefetch_factor", *_TAKEN_ALWAYS, *_TAKEN_BY_WORKERS]
+            reject(f"loader.{name}", f"one of {', '.join(names)}", value)
+    if options.get("multiprocessing_context") is not None:
+        context = options["multiprocessing_context"]
+        if (context if isinstance(context, str) else context.get_start_method()) == "fork":
+            reject("loader.multiprocessing_context", '"forkserver" or "spawn"', "fork",
+                   "A fork of a process whose threads compute may wait for them for ever.")  # fmt: skip
+
 
 class _FromBatch(IterableDataset):
     """The batches of an epoch from a first one on; both numbers lie in shared memory."""
@@ -66,12 +97,22 @@ class EpochLoader:
         Seconds to wait for a batch before giving up; 0 waits for ever.
     prefetch_factor : int
         Batches that each worker makes in advance.
+    options
+        Other arguments of ``DataLoader``: ``persistent_workers`` (by default True), ``multiprocessing_context``,
+        ``worker_init_fn``, ``generator``, ``pin_memory_device``. Those that would change the order or the batches are
+        refused, with the reason.
+
+    Raises
+    ------
+    RuleError
+        If an option is refused, or there is none of its name.
     """
 
     def __init__(
         self, batches: EpochBatches, num_workers: int = 0, *, repeat: bool | None = None,
-        pin_memory: bool | None = None, timeout: float = 0, prefetch_factor: int = 2,
+        pin_memory: bool | None = None, timeout: float = 0, prefetch_factor: int = 2, **options: Any,
     ) -> None:  # fmt: skip
+        _require_harmless(batches, options)
         self.batches, self.num_workers = batches, whole_number("loader.num_workers", num_workers)
         self._source = _FromBatch(batches)
         self.repeat = batches.repeats if repeat is None else repeat
@@ -79,15 +120,16 @@ class EpochLoader:
         self._position: tuple[int, int] | None = None
         self._choices = batches.choices
         self._turn = 0
-        workers: dict[str, Any] = {}
+        settings = {name: value for name, value in options.items() if name in _TAKEN_ALWAYS}
         if num_workers:
             batches.warm()
-            workers = {
+            settings |= {
                 "num_workers": num_workers, "multiprocessing_context": worker_context(), "persistent_workers": True,
                 "prefetch_factor": prefetch_factor, "timeout": timeout,
             }  # fmt: skip
+            settings |= {name: options[name] for name in _TAKEN_BY_WORKERS if options.get(name) is not None}
         pinned = torch.cuda.is_available() if pin_memory is None else pin_memory
-        self._loader = DataLoader(self._source, batch_size=None, pin_memory=pinned, **workers)
+        self._loader = DataLoader(self._source, batch_size=None, pin_memory=pinned, **settings)
 
     def __repr__(self) -> str:
         return summary(self, batches=self.batches, num_workers=self.num_workers)

@@ -1,6 +1,7 @@
 """The loader: epochs that go on by themselves, one iteration at a time, positions that are checked, frameworks."""
 
 import gc
+import inspect
 import itertools
 import weakref
 
@@ -202,3 +203,36 @@ def test_lightning_sees_new_samples_each_epoch_and_resumes(tmp_path):
     fit(stopped)
     resumed = fit(Seeing(), tmp_path / "stopped.ckpt")
     assert resumed.trained == list(range(20, 36))
+
+
+REFUSED = {
+    "batch_size": 3, "drop_last": True, "shuffle": True, "sampler": [1], "batch_sampler": [[1]], "collate_fn": list,
+    "in_order": False, "dataset": [1],
+}  # fmt: skip
+TAKEN = {
+    "num_workers": 0, "pin_memory": False, "timeout": 0, "prefetch_factor": 2, "worker_init_fn": print,
+    "multiprocessing_context": "spawn", "persistent_workers": True, "generator": torch.Generator(),
+    "pin_memory_device": "", "repeat": True,
+}  # fmt: skip
+
+
+def test_every_argument_of_a_dataloader_is_taken_or_refused_with_a_reason():
+    arguments = [*inspect.signature(DataLoader.__init__).parameters][1:]
+    assert set(arguments) <= REFUSED.keys() | TAKEN.keys()
+    for name, value in REFUSED.items():
+        with pytest.raises(RuleError, match=rf"loader\.{name} must be left out; got .*\. \w+"):
+            stream().loader(**{name: value})
+    for name, value in TAKEN.items():
+        assert len([*stream().loader(**{name: value})]) == len(stream())
+    list(stream().loader(batch_size=None, drop_last=False, shuffle=False, sampler=None, in_order=True, collate_fn=None))
+    with pytest.raises(RuleError, match=r"loader\.workers must be one of repeat, .*persistent_workers"):
+        stream().loader(workers=2)
+    with pytest.raises(RuleError, match="fork.*wait for them for ever"):
+        stream().loader(multiprocessing_context="fork")
+
+
+def test_workers_that_are_started_anew_each_epoch_give_the_same_batches():
+    with_workers = stream().loader(2, persistent_workers=False, timeout=TIMEOUT, generator=torch.Generator())
+    without = stream().loader()
+    for _ in range(2):
+        assert indices(with_workers) == indices(without)
