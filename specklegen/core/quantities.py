@@ -10,12 +10,15 @@ values; a mark :class:`Like` says what the tables of a field hold that is no val
 """
 
 import inspect
+import re
 import sys
 import threading
 from collections import ChainMap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache, lru_cache, wraps
+from functools import cache, lru_cache, reduce, wraps
+from operator import or_
+from types import UnionType
 from typing import Any, NamedTuple, ParamSpec, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
@@ -30,6 +33,7 @@ Place = tuple[str | int, ...]
 
 MARK = "_mark"
 """Name under which a value keeps its mark in its ``__dict__``, as cached properties are kept there."""
+_MARKED = re.compile(r"Annotated\[((?:[^,\[\]]|\[[^\[\]]*\])+), \w+(?:\([^()]*\))?\]")
 _STARTS = frozenset("+-.0123456789")
 _HERE = threading.local()  # .trusted: whether this thread combines numbers of one value anew
 
@@ -445,7 +449,22 @@ def with_units(function: Callable[P, R]) -> Callable[P, R]:
         # A value that was made of what has units has them too: beams, of the width that was written.
         return marked(result, reading.mark) if isinstance(result, BaseModel) and not mark_of(result) else result
 
+    call.__dict__["__signature__"] = _without_dimensions(inspect.signature(function))
     return call
+
+
+def _without_dimensions(signature: inspect.Signature) -> inspect.Signature:
+    """Return the signature that help shows: of types alone, for the text below it says what a number is."""
+    parameters = [each.replace(annotation=_plain(each.annotation)) for each in signature.parameters.values()]
+    return signature.replace(parameters=parameters)
+
+
+def _plain(annotation: Any) -> Any:
+    if isinstance(annotation, str):
+        return _MARKED.sub(r"\1", annotation)
+    if isinstance(annotation, UnionType):
+        return reduce(or_, map(_plain, annotation.__args__))
+    return annotation.__origin__ if hasattr(annotation, "__metadata__") else annotation
 
 
 @cache

@@ -101,7 +101,7 @@ class PlaneField(Pictured):
     """
 
     values: np.ndarray
-    pitch: Annotated[float, LENGTH]
+    pitch: float
     wavelength: float
 
     _named = {"|u|": "values", "pitch": "pitch", "wavelength": "wavelength", "power": "power"}
