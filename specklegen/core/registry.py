@@ -222,7 +222,7 @@ class Registry(Generic[T]):
         return len(self._members)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._members
+        return isinstance(name, str) and name in self._members
 
     def __getitem__(self, name: str) -> T:
         return self._members[name]

@@ -44,7 +44,7 @@ def read_frames(path: str | Path) -> np.ndarray:
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        raise ValueError(f"its name ends in none of {', '.join(_READERS)}")
+        raise ValueError(f"its name ends in none of {', '.join(s for s in _READERS if _READERS[s] is not _read_lossy)}")
     frames = reader(path)
     if frames.ndim != 3 or frames.dtype.kind not in "buif" or not frames.size:
         raise ValueError(f"it holds {frames.dtype} of the shape {frames.shape}, not frames of grey counts")

@@ -13,6 +13,8 @@ import numpy as np
 
 from specklegen.instrument.frames import MOST_PIXELS
 
+LARGEST_CHUNK = 2**28
+"""Bytes of a chunk of HDF5, which is unpacked whole, however few of its numbers belong to the data set."""
 _NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 
 
@@ -53,14 +55,14 @@ def _opened(path: Path) -> Any:
 
 
 def _sets(file: Any) -> dict[str, Any]:
-    """Data sets of numbers by name; links to other files are not followed."""
+    """Data sets of numbers by name; those that lie in other files are left out."""
     sets: dict[str, Any] = {}
 
     def add(name: str, item: Any) -> None:
         kind = item.attrs.get("MATLAB_class")
         text = kind.decode() if isinstance(kind, bytes) else kind
         if getattr(item, "dtype", None) is not None and not name.startswith("#") and text in (None, *_NUMERIC):
-            if item.dtype.kind in "buif" and not item.external:
+            if item.dtype.kind in "buif" and not item.external and not item.is_virtual:
                 sets[name] = item
 
     file.visititems(add)
@@ -68,7 +70,10 @@ def _sets(file: Any) -> dict[str, Any]:
 
 
 def _read(sets: Mapping[str, Any], variable: str | None) -> np.ndarray:
-    return np.asarray(sets[_chosen({name: item.shape for name, item in sets.items()}, variable)][()])
+    chosen = sets[_chosen({name: item.shape for name, item in sets.items()}, variable)]
+    if prod(chosen.chunks or ()) * chosen.dtype.itemsize > LARGEST_CHUNK:
+        raise ValueError(f"its chunks of {chosen.chunks} unpack to more than {LARGEST_CHUNK // 2**20} MiB each")
+    return np.asarray(chosen[()])
 
 
 def _chosen(shapes: Mapping[str, tuple[int, ...]], variable: str | None) -> str:

@@ -224,7 +224,7 @@ def _read(value: Any) -> Any:
     name = value.get("type")
     if is_import_path(name):
         name = imported("Scatterer.type", str(name)).__name__
-    if name not in _TYPES:
+    if not isinstance(name, str) or name not in _TYPES:
         raise ValueError(
             f"of a known type ({', '.join(sorted(_TYPES))}); a type of your own is known once its module is imported"
         )

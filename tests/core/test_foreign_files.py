@@ -1,0 +1,61 @@
+"""Files that others send: a seeded subset of tests/fuzz_files.py, and HDF5 that asks for more than it holds."""
+
+import logging
+
+import numpy as np
+import pytest
+from fuzz_files import FORMATS, run
+
+from specklegen.core.errors import RuleError
+from specklegen.instrument.frames import read_frames
+from specklegen.measured.files import read_raw
+
+
+def formats():
+    try:
+        import h5py  # noqa: F401
+    except ImportError:
+        return tuple(suffix for suffix in FORMATS if suffix != ".h5")
+    return tuple(FORMATS)
+
+
+def test_a_mutated_file_is_read_or_refused_with_a_sentence(tmp_path):
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)
+    counts = run(360, tmp_path, seed=1, formats=formats())
+    assert [outcome for _, outcome in counts if outcome.startswith("raw")] == []
+    assert {suffix for suffix, outcome in counts if outcome == "refused"} == set(formats())
+
+
+def test_a_chunk_that_unpacks_to_gigabytes_is_refused(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "bomb.h5", "w") as file:
+        file.create_dataset("frames", (2, 8, 8), np.uint8, maxshape=(None, None, None), chunks=(512, 1024, 1024))
+    with pytest.raises(RuleError, match="unpack to more than 256 MiB"):
+        read_raw("frames", tmp_path / "bomb.h5")
+
+
+def test_a_virtual_data_set_of_another_file_is_not_read(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "secret.h5", "w") as file:
+        file["frames"] = np.full((2, 8, 8), 7)
+    with h5py.File(tmp_path / "sent.h5", "w") as file:
+        layout = h5py.VirtualLayout((2, 8, 8), int)
+        layout[:] = h5py.VirtualSource(tmp_path / "secret.h5", "frames", (2, 8, 8))
+        file.create_virtual_dataset("frames", layout)
+    with pytest.raises(RuleError, match="holds no frames"):
+        read_raw("frames", tmp_path / "sent.h5")
+
+
+def test_a_refusal_lists_the_endings_that_are_read(tmp_path):
+    with pytest.raises(ValueError, match=r"none of \.tif, \.tiff, \.png, \.bmp, \.npy$"):
+        read_frames(tmp_path / "a.avi")
+
+
+@pytest.mark.parametrize("type_", [[], {}, None, 3])
+def test_a_type_that_is_no_name_is_refused(type_):
+    import specklegen as sg
+
+    parts = dict.fromkeys(("medium", "sensor", "illumination"))
+    for field in parts:
+        with pytest.raises(RuleError):
+            sg.Scene(wavelength=0.5, **parts | {field: {"type": type_}})
