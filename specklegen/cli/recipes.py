@@ -71,12 +71,11 @@ def recipe_schema_command(
 def plan(
     recipe: RecipeName,
     samples: int | None = option(None, "Samples to cost (default: an epoch of train).", min=1),
-    changes: Set = None,
-    images: Images = None,
+    changes: Set = None, images: Images = None,
     verbose: bool = option(False, "With the reason for each part.", "--verbose", "-v"),
     as_json: AsJson = False,
     anew: bool = option(False, "Plan and measure again, whatever was answered before.", "--anew"),
-) -> None:
+) -> None:  # fmt: skip
     """Tell how a recipe's scenes are rendered, which parts are left out, and the cost; with --verbose, why.
 
     Answers are cached, the measured cost too.

@@ -23,16 +23,12 @@ def generate(
     recipe: RecipeName,
     out: str = option(..., "Folder of the store, or an address (s3://bucket/a.zarr); filled up if it is there."),
     samples: int | None = option(None, "Samples (default: an epoch of the split).", min=1),
-    split: Split = "train",
-    seed: Seed = 0,
-    changes: Set = None,
-    images: Images = None,
-    objects: Objects = None,
+    split: Split = "train", seed: Seed = 0, changes: Set = None, images: Images = None, objects: Objects = None,
     processes: int | None = option(None, "Worker processes (default: all cores).", min=1),
     shard_range: str = option("0/1", "Do part I of N, for N machines with one folder.", metavar="I/N"),
     cluster: str | None = option(None, "Render on a Dask cluster, by its scheduler's address.", metavar="ADDRESS"),
     anyway: bool = option(False, "Begin without room for all on the disk, or for months."),
-) -> None:
+) -> None:  # fmt: skip
     """Fill a zarr store with samples of a recipe; run it again to go on where it stopped."""
     from specklegen.datasets.store.estimate import foreseen
     from specklegen.datasets.store.generate import generate as fill
@@ -95,12 +91,9 @@ def _part(shard_range: str) -> tuple[int, int]:
 def preview(
     what: RecipeOrStore,
     samples: int = option(6, "How many samples to show.", min=1, max=100),
-    split: Split = "train",
-    seed: Seed = 0,
-    changes: Set = None,
-    images: Images = None,
+    split: Split = "train", seed: Seed = 0, changes: Set = None, images: Images = None,
     out: Path = option(Path("preview.png"), "PNG to write."),
-) -> None:
+) -> None:  # fmt: skip
     """Draw samples of a recipe or of a store as a contact sheet."""
     from specklegen.pictures import sheet
 
@@ -126,10 +119,8 @@ def info(folder: Store) -> None:
 def verify(
     folder: Store,
     repair: str | None = option(None, "Render again what is damaged or missing.", metavar="RECIPE"),
-    changes: Set = None,
-    images: Images = None,
-    as_json: AsJson = False,
-) -> None:
+    changes: Set = None, images: Images = None, as_json: AsJson = False,
+) -> None:  # fmt: skip
     """Check every shard of a store against its checksum; exit status 1 if one is damaged or unfinished."""
     from specklegen.datasets.store.verify import verify as check
 
