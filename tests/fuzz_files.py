@@ -30,9 +30,8 @@ from specklegen.measured.sphere import read_sphere
 
 FRAMES = (np.arange(3 * 12 * 10) % 251).reshape(3, 12, 10).astype(np.uint16)
 SPHERE = "IAD1\n" + "\n".join(map(str, [1.33, 1.5, 1.0, 1.0, 2.0, 0.99, 1, *[200.0, 20.0, 20.0, 5.0, 0.97] * 2]))
-ODD: list[Any] = [
-    None, [], {}, [[]], [{}], {"type": []}, "x", "", -1, 0, 1e400, float("nan"), True, 10**400, "1 mm", [None],
-]  # fmt: skip
+ODD: list[Any] = [None, [], {}, [[]], [{}], {"type": []}, "x", "", -1, 0, 1e400, float("nan"), True, 10**400, "1 mm",
+                  [None]]  # fmt: skip
 """What is put in the place of a value of a table."""
 
 

@@ -269,17 +269,13 @@ def test_it_forgets_in_time_as_correlations_are_transferred(sine):
 @pytest.mark.parametrize("channel", ["none", "co"])
 def test_layers_of_unlike_particles_lose_correlation_each_by_itself(channel):
     """Of absorbing layers, which scatter once: e^(-2x (1 - cos)) of what one sends, which moves, and all of the other.
-
     Light polarised along x is seen along y: across the plane of scattering, where the projector leaves 2 / (1 + cos^2)
-    of the phase function. Along the axis nothing decays, and light of two scatterings is left, the albedo's share.
-    """
+    of the phase function. Along the axis nothing decays, and light of two scatterings is left, the albedo's share."""
     sine, (first, second), albedo, x = 0.6, (1.0, 2.0), 1e-4, np.array([0.0, 0.3, 1.0])
     cosine = np.sqrt(1 - sine**2)
     moving = sg.Brownian(diffusion=(WAVELENGTH / (2 * np.pi)) ** 2)
-    made = [
-        sg.Layer(thickness=1.0, mean_free_path=1 / first, scatterer=sg.HenyeyGreenstein(0.6), motion=moving),
-        sg.Layer(thickness=3.0, mean_free_path=3 / second, scatterer=AIR),
-    ]
+    made = [sg.Layer(thickness=1.0, mean_free_path=1 / first, scatterer=sg.HenyeyGreenstein(0.6), motion=moving),
+            sg.Layer(thickness=3.0, mean_free_path=3 / second, scatterer=AIR)]  # fmt: skip
     made = [each.replace(albedo=albedo) for each in made]
     found = sg.temporal_correlation(sg.Layers(layers=made, polarisation="projector"), wavelength=WAVELENGTH, lags=x,
                                     channel=channel, view=[0.0, sine, cosine], paths=20_000, seed=3)  # fmt: skip

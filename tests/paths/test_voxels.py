@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from refusals import assert_refused
 from scenes import flat_box, views
 from volume_batches import assert_same, engine_batches, oracle_batches
 from zscore import assert_mean, refute_mean
@@ -130,17 +129,6 @@ def test_empty_voxels_scatter_nothing():
     for sensor in (views([0, 180]), sg.NearField(points=[[0.0, 0.0], [0.0, 9.0]])):
         scene = flat(grid(np.zeros((2, 3)))).replace(sensor=sensor)
         assert not sg.covariance(scene, paths=64, reverse=True).value.any()
-
-
-@pytest.mark.parametrize(("change", "message"), [
-    ({"extinction": [[-1.0]]}, "VoxelGrid.extinction must be at least 0"),
-    ({"albedo": np.array(1.5)}, "VoxelGrid.albedo must be between 0 and 1"),
-    ({"material": np.array(1.0)}, "VoxelGrid.material must be whole numbers from 0 to 0"),
-    ({"extinction": [[[1.0]]]}, "VoxelGrid.extinction must be an array of 2 axes"),
-    ({"upper": [-6.0, 5.0]}, "VoxelGrid.upper must be above lower"),
-])  # fmt: skip
-def test_voxels_are_checked(change, message):
-    assert_refused(lambda: grid([[0.2]]).replace(**change), message)
 
 
 def test_each_kind_of_cells_has_a_type_of_its_own():
