@@ -4,8 +4,9 @@ from itertools import product
 from typing import Literal
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from specklegen.wavetracing.edges import WELD, scene_size
+from specklegen.wavetracing.edges import WELD, Edges, scene_size
 from specklegen.wavetracing.facets import facets_of
 from specklegen.wavetracing.geometry import Geometry
 from specklegen.wavetracing.kernels.edge_paths import MIRRORS, Graph, edge_legs
@@ -38,14 +39,23 @@ def graph_of(scene: Geometry, wavelength: float, surfaces: Surfaces, reflections
     place = np.empty(len(scene), np.int64)
     place[scene.order] = np.arange(len(scene))
     edges = scene.edges if diffractions else scene.edges.taken(np.zeros(0, int))
-    start, stop = edges.ends[:, 0], edges.ends[:, 1]
-    length = np.linalg.norm(stop - start, axis=1, keepdims=True)
     both = place[np.where(edges.faces < 0, edges.faces[:, :1], edges.faces)].reshape(-1, 2)
+    sides, row = np.column_stack([plane[both], np.full(len(edges), -1)]), mesh[both].astype(np.int32)
+    ends, wedge, numbers = edges.ends.copy(), edges.wedge.copy(), np.arange(len(edges))
+    for e, f in _thin(edges, plane[both], wavelength):
+        # The air about both together, from the first face of one to the second of the other.
+        ends[e], wedge[e] = (ends[e] + ends[f]) / 2, min(round(wedge[e] + wedge[f] - 1, 9), 2.0)
+        sides[e], row[e, 1], numbers[f] = (sides[e, 0], sides[f, 1], sides[f, 0]), row[f, 1], -1
+    whole = numbers >= 0
+    start, stop = ends[:, 0], ends[:, 1]
+    length = np.linalg.norm(stop - start, axis=1, keepdims=True)
+    table = np.column_stack([start, (stop - start) / length, length, wedge, edges.normal, edges.inward])
     turns, images = _sequences(planes, np.unique(plane[~np.isin(rows[mesh, 0], (ABSORBER, DIFFUSE))]), reflections)
     graph = Graph(
-        edges=np.column_stack([start, (stop - start) / length, length, edges.wedge, edges.normal, edges.inward]),
-        sides=np.column_stack([plane[both], np.full(len(edges), -1)]),
-        rows=mesh[both].astype(np.int32),
+        edges=table[whole],
+        numbers=numbers[whole],
+        sides=sides[whole],
+        rows=row[whole],
         planes=planes,
         fronts=fronts,
         windows=np.column_stack([low, high])[np.argsort(facets.sheet, kind="stable")],
@@ -65,6 +75,32 @@ def graph_of(scene: Geometry, wavelength: float, surfaces: Surfaces, reflections
     legs = np.empty((edge_legs(graph, graph.legs), 3), np.int64)
     edge_legs(graph, legs)
     return graph._replace(legs=legs)
+
+
+def _thin(edges: Edges, planes: np.ndarray, wavelength: float) -> list[tuple[int, int]]:
+    """Pairs of parallel edges with a strip of a face between them that is narrower than wavelength / 2 pi.
+
+    Below it there is no wave from edge to edge; a wall so thin is nearly its sheet.
+    """
+    if not len(edges):
+        return []
+    step = edges.ends[:, 1] - edges.ends[:, 0]
+    length = np.linalg.norm(step, axis=1)
+    along, middle, angle = step / length[:, None], edges.ends.mean(axis=1), np.pi * edges.wedge[:, None]
+    last = np.cos(angle) * edges.inward + np.sin(angle) * edges.normal  # into the second face
+    near = cKDTree(middle).query_pairs(wavelength / 4, output_type="ndarray")
+    one, two = np.concatenate([near, near[:, ::-1]]).T
+    across = ((middle[two] - middle[one]) * last[one]).sum(axis=1)
+    apart = np.linalg.norm(middle[two] - middle[one], axis=1)
+    good = (planes[two, 0] == planes[one, 1]) & (across > 0.9 * apart) & (across < wavelength / (2 * np.pi))
+    good &= ((along[one] * along[two]).sum(axis=1) > 1 - 1e-9) & (np.abs(length[one] - length[two]) < across)
+    good &= edges.wedge[one] + edges.wedge[two] < 3 + 1e-6
+    pairs, taken = [], set()
+    for e, f in sorted(zip(one[good].tolist(), two[good].tolist(), strict=True)):
+        if e not in taken and f not in taken:
+            taken |= {e, f}
+            pairs.append((e, f))
+    return pairs
 
 
 def _sequences(planes: np.ndarray, mirrors: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:

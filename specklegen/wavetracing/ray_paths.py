@@ -137,7 +137,10 @@ def _path(row: np.ndarray, codes: np.ndarray, search: PathSearch, chosen: int) -
     lengths = np.linalg.norm(legs, axis=1, keepdims=True)
     ways = np.divide(legs, lengths, out=np.roll(legs, 1, axis=0), where=lengths > 0)
     pair = size * row[: edge_paths.TOTAL].view(complex)
-    met = tuple(("diffraction", int(c) - 1) if c > 0 else ("reflection", -1 - int(c)) for c in codes[:count])
+    numbers = search.graph.numbers
+    met = tuple(
+        ("diffraction", int(numbers[c - 1])) if c > 0 else ("reflection", -1 - int(c)) for c in codes[:count]
+    )  # fmt: skip
     vectors = size * _carried(row, codes[:count], ways, search)
     return RayPath(
         complex(pair[chosen]), pair, vectors, float(row[edge_paths.TOTAL]), ways[0], ways[-1], points, met

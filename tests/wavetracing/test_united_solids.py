@@ -139,6 +139,18 @@ def test_one_scene_has_one_field(law, seed):
     assert gap(3 * thrice, fields(other, source, points, surfaces="perfect")) < 1e-6
 
 
+def test_a_thin_wall_tends_to_its_sheet():
+    """Behind a metal wall of 0.1 and 0.01 wavelengths, the field of the sheet; before it the mirror is nearer."""
+    wall = [block([-t / 2, -900, -900], [t / 2, 900, 0]) for t in (0.1, 0.01)]
+    plane = sheet([[0, -900, -900], [0, 900, -900], [0, 900, 0], [0, -900, 0]])
+    source = np.array([-40.0, 2, -3])
+    behind, before = np.array([[30.0, -3, -8], [25, 0, -2], [30, 5, 1]]), np.array([[-20.0, 3, 6], [-30, -8, -6]])
+    for points, coarse, fine in ((behind, 1e-3, 1e-4), (before, 0.2, 0.02)):
+        expected = fields([plane], source, points, wavelength=1.0)
+        assert gap(fields([wall[0]], source, points, wavelength=1.0), expected) < coarse
+        assert gap(fields([wall[1]], source, points, wavelength=1.0), expected) < fine
+
+
 def test_the_laws_have_power():
     """A block 1e-4 higher, and one split with a slit of 1e-3, are noticed."""
     plain, _, source, points = written("touching", 1)

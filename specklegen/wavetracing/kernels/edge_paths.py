@@ -45,6 +45,8 @@ class Graph(NamedTuple):
     ----------
     edges : float64[E, EDGE]
         See `specklegen.wavetracing.kernels.edge_geometry`.
+    numbers : int64[E]
+        Of each edge in `Geometry.edges`; of two that were joined, the first.
     sides, rows : int64[E, 3], int32[E, 2]
         Planes of an edge's faces (and of the strip between two edges that were joined), and their materials.
     planes, fronts : float64[M, 4], bool[M, 2]
@@ -66,6 +68,7 @@ class Graph(NamedTuple):
     """
 
     edges: np.ndarray
+    numbers: np.ndarray
     sides: np.ndarray
     rows: np.ndarray
     planes: np.ndarray
