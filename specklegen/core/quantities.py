@@ -132,10 +132,16 @@ def nodes_for(kind: Any, table: Mapping[str, Any]) -> dict[str, Node]:
     return {name: node for name, node in nodes.items() if name not in plain}
 
 
+def _and_subclasses(member: Any) -> Iterator[Any]:
+    yield member
+    for subclass in type.__subclasses__(member) if isinstance(member, type) and issubclass(member, BaseModel) else ():
+        yield from _and_subclasses(subclass)
+
+
 def _named(member: Any, table: Mapping[Any, Any]) -> list[Any]:
     """Return the classes that a table may mean where one or a registry of them is allowed."""
     registry = getattr(member, "registry", None)
-    kinds = [member] if registry is None else [member, *(registry[name] for name in registry)]
+    kinds = [*_and_subclasses(member)] if registry is None else [member, *(registry[name] for name in registry)]
     for key in ("type", "kind"):
         names = [getattr(kind, "model_fields", {}).get(key) for kind in kinds]
         if key in table and any(names):

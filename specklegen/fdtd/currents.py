@@ -82,6 +82,16 @@ class SingleDelay:
         d, in time steps.
     error : float64[N]
         Relative error of P over the band, root of the weighted mean square; 0 where P is 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from specklegen.fdtd import single_delay
+    >>> omega = np.linspace(0.1, 0.2, 20)
+    >>> delayed = 2.0 * np.exp(-1j * omega * 5.0)[:, None]
+    >>> found = single_delay(delayed, omega, np.ones(20), longest=10.0)
+    >>> found.amplitude.round(3), found.delay.round(3)
+    (array([2.]), array([5.]))
     """
 
     amplitude: np.ndarray

@@ -138,8 +138,11 @@ def coverage(
         the middles of the cells alone; "ray": beams without diffraction.
     gain
         G_r of the receiving antenna, as a factor.
-    reflections, diffractions, floor_db
-        Limits of the paths of "wave" and "phase", as of `coherent_rays`.
+    reflections, diffractions
+        Most reflections and edges of a path of "wave" and "phase".
+    floor_db
+        Of "wave" and "phase": paths past two edges are left out once all that are left are together this many dB below
+        those that were found.
     samples
         Points in each cell of "wave"; errors fall with the root of their number and faster. Parts of a cell are
         squares where this is a square number.

@@ -99,7 +99,7 @@ def coherent_paths(
     surfaces
         "perfect": whatever their material; "material": by it, without what goes through walls.
     floor_db
-        As of `coherent_rays`.
+        Paths past two edges are left out once all that are left are together this many dB below those that were found.
 
     Raises
     ------

@@ -159,7 +159,7 @@ def test_windows_are_fitted_to_the_object():
     ("through-slab-lab", {"lab": {"object_extent": 1.5}}, "LabSetup.object_extent must be at most"),
     ("through-slab-lab", {"lab": {"aperture": 40.0, "oversampling": 8}}, "LabSetup.aperture must be at most"),
     ("through-slab-lab", {"lab": {"bandwidth": 1e-3}}, "LabSetup.bandwidth must be at most"),
-    ("through-slab-lab", {"lab": {"focal_length": 10.0}}, "LabSetup.camera_distance must be given, or else"),
+    ("through-slab-lab", {"lab": {"focal_length": 10.0}}, "LabSetup.pixel_pitch must be at most"),  # no camera_distance
     ("through-slab", {"light": {"bandwidth": 0.02}}, "Light.bandwidth must be at most 0.01172, which moves"),
     ("through-slab", {"media_group": 2}, "Recipe.media_group must be 1 where media are numbered"),
     ("through-slab", {"media": "old"}, "media must be a whole number"),
