@@ -47,10 +47,8 @@ def courant_limit(kappa: np.ndarray, method: Literal["bound", "eigen"] = "bound"
 def _eigen_limit(kappa: np.ndarray) -> float:
     permittivity = np.pad(1 + kappa, _PAD, constant_values=1.0)
     last = permittivity.size - 1
-    largest = eigh_tridiagonal(
-        2 / permittivity, -1 / np.sqrt(permittivity[1:] * permittivity[:-1]), eigvals_only=True, select="i",
-        select_range=(last, last),
-    )  # fmt: skip
+    largest = eigh_tridiagonal(2 / permittivity, -1 / np.sqrt(permittivity[1:] * permittivity[:-1]), eigvals_only=True,
+                               select="i", select_range=(last, last))  # fmt: skip
     return float(2 / np.sqrt(largest[0]))
 
 

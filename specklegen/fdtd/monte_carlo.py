@@ -78,10 +78,8 @@ def monte_carlo_mean(
     back, back_error = _mean_and_error([s[0] for s in sums], n_realizations, to_time)
     forward, forward_error = _mean_and_error([s[1] for s in sums], n_realizations, to_time)
     incident = incidence.series(np.ones(incidence.bins.size))
-    return MeanField(
-        incidence.time, incident, back, forward, back_error=back_error, forward_error=forward_error,
-        realizations=n_realizations,
-    )  # fmt: skip
+    return MeanField(incidence.time, incident, back, forward, back_error=back_error, forward_error=forward_error,
+                     realizations=n_realizations)  # fmt: skip
 
 
 def _grid_responses(kappa: np.ndarray, incidence: Incidence) -> tuple[np.ndarray, np.ndarray]:

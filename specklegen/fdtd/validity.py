@@ -68,10 +68,8 @@ def judge(layer: RandomLayer, incidence: Incidence, order: int) -> Validity:
     forward_error, back_error = v / 4, 3 * v
     if order == 1 and layer.rms_index > 0:
         back_error, forward_error = _left_out_by_first_order(layer, incidence)
-    return Validity(
-        phase_variance=v, forward_error=forward_error, back_error=back_error,
-        forward=forward_error <= FORWARD_TOLERANCE, back=back_error <= BACK_TOLERANCE,
-    )  # fmt: skip
+    return Validity(phase_variance=v, forward_error=forward_error, back_error=back_error,
+                    forward=forward_error <= FORWARD_TOLERANCE, back=back_error <= BACK_TOLERANCE)  # fmt: skip
 
 
 def _left_out_by_first_order(layer: RandomLayer, incidence: Incidence) -> tuple[float, float]:

@@ -114,9 +114,7 @@ def plane_layout(medium: PlaneMedium, wavelength: float, lights: np.ndarray, vie
 
     Intensities are per unit area of the face.
     """
-    return Layout(
-        volume=volume_of(medium, 3), table=phase_table(materials(medium), 3),
-        lights=plane_endpoints(-lights, wavelength, np.inf), views=plane_endpoints(views, wavelength),
-        wavelength=wavelength, faces=medium.faces,
-        ways=Ways.of(medium, lights, views) if refracting_layers(medium) else None,
-    )  # fmt: skip
+    return Layout(volume=volume_of(medium, 3), table=phase_table(materials(medium), 3),
+                  lights=plane_endpoints(-lights, wavelength, np.inf), views=plane_endpoints(views, wavelength),
+                  wavelength=wavelength, faces=medium.faces,
+                  ways=Ways.of(medium, lights, views) if refracting_layers(medium) else None)  # fmt: skip

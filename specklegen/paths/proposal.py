@@ -79,8 +79,6 @@ def plane_proposal(
     medium: PlaneMedium, direction: np.ndarray, probes: np.ndarray, *, bidirectional: bool = False
 ) -> Proposal:
     """Paths of an unlimited plane wave; weights are per unit area of the face."""
-    return Proposal(
-        reference=direction, footprint=UNLIMITED, extent=1.0, radius=math.inf,
-        probes=np.ascontiguousarray(np.atleast_2d(probes), dtype=np.float64), bidirectional=bidirectional,
-        max_order=default_max_order(medium),
-    )  # fmt: skip
+    return Proposal(reference=direction, footprint=UNLIMITED, extent=1.0, radius=math.inf,
+                    probes=np.ascontiguousarray(np.atleast_2d(probes), dtype=np.float64), bidirectional=bidirectional,
+                    max_order=default_max_order(medium))  # fmt: skip
