@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.display.plot import draw_images
-from specklegen.core.errors import reject
+from specklegen.core.errors import reject, warn_user
 from specklegen.core.lazy import LazyModule, torch
 from specklegen.core.shielded import shielded
 from specklegen.core.units import SINE
@@ -24,6 +24,7 @@ from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.recipes.specification import PARAMETERS
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose
+from specklegen.scene.validity import implausible
 
 if TYPE_CHECKING:
     from specklegen.datasets.addresses import Addresses
@@ -242,6 +243,16 @@ class HiddenObject(Recipe):
                        self.widest_tilts)
             for wider in apertures for pixels in across for slab, pitch in zip(slabs, pitches, strict=True)
         ]
+
+    def warn_of_implausible(self) -> None:
+        """Warn of numbers that are seldom meant, since most come of a length in another unit."""
+        pitch = np.inf if self.field is None or self.field.pitch is None else ends(self.field.pitch)[0]
+        pitch = pitch if self.lab is None else self.lab.object_pitch(self.objects.shape)
+        width = np.inf if self.fits_window else self.geometry.width
+        slabs, size = self.material.extremes(), pitch * max(self.objects.shape)
+        texts = [text for slab in slabs for text in implausible(slab, self.wavelength, width, size)]
+        for text in dict.fromkeys(texts):
+            warn_user(f"recipe {self.name}: {text}. Check the units of its lengths.")
 
     @staticmethod
     def _opened(seen: Viewing, wider: float) -> Viewing:

@@ -268,6 +268,7 @@ def reconstruct_and_assess(
     images = host_tensor("reconstruct_and_assess images", images)
     if images.ndim != 4 or not images.numel():
         reject("reconstruct_and_assess images", "of shape [objects, frames, rows, columns]", tuple(images.shape))
+    setup.warn_of_implausible()
     own = setup_of(setup)
     if memory_effect is not None:
         own = _with_curve(own, instance("reconstruct_and_assess memory_effect", memory_effect, MeasuredCurve))

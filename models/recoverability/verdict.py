@@ -214,6 +214,7 @@ def recoverable(
         reject("recoverable beam", "greater than 0", beam)
     if not 0 <= real_number("recoverable removal", removal) < float("inf"):
         reject("recoverable removal", "finite and at least 0", removal)
+    loaded.warn_of_implausible()
     count = 1 if loaded.media_alike else media
     each = [
         judge(conditions_of(loaded, seed=seed, medium=n, compensation=compensation, beam=beam, removal=removal))

@@ -27,14 +27,14 @@ _EVERYWHERE = {"torch"}
 """Packages of an extra whose version every name holds."""
 
 
-def name_of_answer(table: Mapping[str, Any], samples: int | None) -> str | None:
-    """Return the file name of an answer about a recipe's table; None where it could depend on anything else."""
+def name_of_answer(tables: Any, samples: int | None) -> str | None:
+    """Return the file name of an answer about a recipe's tables; None where it could depend on anything else."""
     if "specklegen.datasets.recipes.registry" in sys.modules:
         return None  # classes of a user's own may have joined since, under any name
-    if any(import_paths(table)) or _names_files(table):
+    if any(import_paths(tables)) or _names_files(tables):
         return None
     sources = source_digest(Path(__file__).with_name("recipes.py"))
-    return name_of(sources, arithmetic(), thread_count(), samples, json.dumps(table, default=repr))
+    return name_of(sources, arithmetic(), thread_count(), samples, json.dumps(tables, default=repr))
 
 
 def cached_answer(name: str | None) -> dict[str, Any] | None:

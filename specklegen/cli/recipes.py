@@ -22,7 +22,7 @@ recipes = typer.Typer(help="List the packaged recipes, show one, or the schema o
 @recipes.callback(invoke_without_command=True)
 def list_recipes(context: typer.Context, as_json: AsJson = False) -> None:
     """List the packaged recipes."""
-    from specklegen.datasets.recipes.recipe_files import recipe_names, recipe_table
+    from specklegen.datasets.recipes.recipe_files import recipe_file, recipe_names
 
     if context.invoked_subcommand is not None:
         return
@@ -45,13 +45,15 @@ def show_recipe(recipe: RecipeName, changes: Set = None, as_json: AsJson = False
     import tomli_w
 
     from specklegen.datasets.recipes.overrides import changes_of
-    from specklegen.datasets.recipes.recipe_files import changed, recipe_names, recipe_table
+    from specklegen.datasets.recipes.recipe_files import recipe_names, recipe_table
 
-    table = changed(recipe_table(recipe), changes_of(changes or []))
+    file = recipe_file(recipe, changes_of(changes or []))
+    table = file.table()
     if changes or recipe not in recipe_names():  # the packaged ones are known to be right
         from specklegen.datasets import load_recipe
+        from specklegen.datasets.recipes.written_units import plain
 
-        load_recipe(recipe, changes_of(changes or []))
+        table = plain(file, type(load_recipe(recipe, changes_of(changes or [])))).table
     if as_json:
         echo_json(table)
     else:
@@ -82,11 +84,11 @@ def plan(
     """
     from specklegen.cli.cached_plans import cached_answer, caching, name_of_answer
     from specklegen.datasets.recipes.overrides import changes_of
-    from specklegen.datasets.recipes.recipe_files import changed, recipe_table
+    from specklegen.datasets.recipes.recipe_files import recipe_file
 
     words = "verbose" if verbose else "short"
-    table = changed(recipe_table(recipe), changes_of(changes or []))
-    name = None if images is not None else name_of_answer(table, samples)
+    tables = recipe_file(recipe, changes_of(changes or [])).written()
+    name = None if images is not None else name_of_answer(tables, samples)
     answer = None if anew else cached_answer(name)
     if answer is None:
         with caching(name) as answer:

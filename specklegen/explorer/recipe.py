@@ -133,10 +133,10 @@ def _scene(state: State) -> dict[str, Any]:
     return table | {
         "material": {name: value for name, value in table["material"].items() if name not in own},
         "lab": {
-            "wavelength": f"{state.wavelength * index_of(state):.6g} um", "refractive_index": index_of(state),
-            "object_distance": f"{state.object_distance:g} mm", "object_extent": f"{state.object_width:g} mm",
-            "aperture": f"{state.iris:g} mm", "profile": "disc", "camera_distance": f"{state.camera_distance:g} mm",
-            "pixel_pitch": f"{state.pixel:g} um", "pixels": [state.camera, state.camera],
+            "wavelength": float(f"{state.wavelength * index_of(state):.6g}"), "refractive_index": index_of(state),
+            "object_distance": 1e3 * state.object_distance, "object_extent": 1e3 * state.object_width,
+            "aperture": 1e3 * state.iris, "profile": "disc", "camera_distance": 1e3 * state.camera_distance,
+            "pixel_pitch": state.pixel, "pixels": [state.camera, state.camera],
         },
     }  # fmt: skip
 

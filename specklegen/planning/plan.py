@@ -12,6 +12,7 @@ from specklegen.mean.field import ballistic_fraction
 from specklegen.paths.gaussianity import Gaussianity, PathMoments
 from specklegen.samplers.sampler import Sampler
 from specklegen.scene.scene import Scene
+from specklegen.scene.validity import implausible_in
 
 _LIGHTS = {"PlaneWaves": "plane wave", "PointSources": "point source", "IncoherentObject": "lit pixel"}
 _FOCI = "focal point"
@@ -139,12 +140,16 @@ class Plan(Pictured):
         return "\n".join(lines)
 
     def summary(self) -> str:
-        """Tell the same in four lines: the scene, sampler and cost, parts that take part or not, and doubts if any."""
+        """Tell the same in four lines: the scene, sampler and cost, parts that take part or not, and doubts if any.
+
+        Implausible numbers of the scene stand first.
+        """
         used = [d.part for d in self.decisions if d.needed]
         ideal = [d.part for d in self.decisions if d.idealised]
         without = [d.part for d in self.decisions if not d.needed and d.part not in ideal]
         parts = {"Takes part": used, "Left out": without, "Idealised": ideal}
         lines = [
+            *(f"Check units: {each}." for each in implausible_in(self.scene)),
             self._about,
             f"Sampler: {self.sampler}, {self.paths} paths: expected error {self.expected_error:.2g}; "
             f"about {self.seconds:.2g} s for the first realization, {self._all}{self.memory_bytes / 2**20:.0f} MiB.",

@@ -1,13 +1,19 @@
 """What the physics itself assumes of a scene, and where that is doubtful."""
 
+import math
+
 import numpy as np
 
 from specklegen.core.decision import Decision
 from specklegen.core.errors import warn_user
+from specklegen.scene.illumination import IncoherentObject
+from specklegen.scene.media import Medium
 from specklegen.scene.scene import Scene
+from specklegen.scene.screens import ThinMedium
 
 WIDE = 0.15
 """Rms angle behind screens from which the paraxial model is doubtful."""
+_THIN, _COVERED = 5, 10  # wavelengths in a medium, correlation lengths of a diffuser in a beam: fewer are seldom meant
 
 
 def independence_doubt(mean_free_path: float, wavelength: float) -> str | None:
@@ -28,6 +34,50 @@ def warn_of_doubts(scene: Scene) -> None:
     """Issue a :class:`DoubtWarning` for all that :func:`validity_decisions` doubts: for results without a plan."""
     for each in validity_decisions(scene):
         warn_user(f"{each.part}: {each.reason}")
+
+
+def implausible(
+    medium: Medium | ThinMedium, wavelength: float, width: float = math.inf, size: float = math.inf
+) -> list[str]:  # fmt: skip
+    """List numbers that are seldom meant, since most come of a length in another unit.
+
+    Parameters
+    ----------
+    medium, wavelength
+        Of a scene.
+    width
+        Of its beams.
+    size
+        Of its object, in direction sines.
+    """
+    texts = []
+    stack = medium.stack
+    if stack is not None:
+        covered = width / stack.correlation_lengths.max()
+        if covered < _COVERED:
+            texts.append(f"the beam covers {covered:.2g} correlation lengths of a diffuser, so images are not Gaussian")
+    else:
+        if doubt := independence_doubt(medium.mean_free_path, wavelength):
+            texts.append(doubt)
+        if 0 < medium.thickness < _THIN * wavelength:
+            texts.append(f"the medium is {medium.thickness:.3g} thick, {medium.thickness / wavelength:.2g} wavelengths")
+        ballistic = math.exp(-medium.optical_depth)
+        if 0.5 < ballistic < 1:
+            texts.append(f"{ballistic:.0%} of the light passes the medium unscattered")
+    if size < wavelength / width:
+        grain = wavelength / width
+        texts.append(f"the object, {size:.3g} wide in direction sines, is smaller than a speckle, {grain:.3g}")
+    return texts
+
+
+def implausible_in(scene: Scene) -> list[str]:
+    """List numbers of a scene that are seldom meant."""
+    light = scene.illumination
+    if not light.limited or light.focused:
+        return implausible(scene.medium, scene.wavelength)
+    extended = isinstance(light, IncoherentObject) and light.brightness.size > 1
+    size = max(light.brightness.shape) * light.pitch if extended else math.inf
+    return implausible(scene.medium, scene.wavelength, scene.beams.width, size)
 
 
 def idealisations(
