@@ -18,7 +18,7 @@ from specklegen.core.decision import Decision
 from specklegen.core.display.plot import Pictured, draw_stack
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject, warn_user
-from specklegen.core.labelled import Labelled, Labels
+from specklegen.core.labelled import ASKED, Labelled, Labels
 from specklegen.core.memory import require_memory
 from specklegen.core.parallel import one_blas_thread
 from specklegen.core.random_streams import Seed, pilot_seed
@@ -234,7 +234,10 @@ def render(
     (3, 2, 16, 16)
     """
     budget = budget_of("render", budget, fields, unused=("tolerance",))
-    return rendered(scene, budget, Options(sampler, mean, field_tolerance, realizations=realizations, owner="render"))
+    options = Options(sampler, mean, field_tolerance, realizations=realizations, owner="render")
+    stack = rendered(scene, budget, options)
+    vars(stack)[ASKED] = {"scene": scene, "budget": budget, "mean": mean, "realizations": realizations}
+    return stack
 
 
 def rendered(scene: Scene, budget: Budget, options: Options) -> SpeckleStack:

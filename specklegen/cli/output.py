@@ -95,9 +95,10 @@ def show_fit(result: Any, table: Callable[[], Any], as_json: bool, picture: Path
             typer.echo(str(file))
 
 
-def write_csv(file: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
-    """Write a table; numbers get six digits."""
+def write_csv(file: Path, header: Sequence[str], rows: Iterable[Iterable[Any]], notes: Iterable[str] = ()) -> None:
+    """Write a table, below notes that begin with #; numbers get six digits."""
     with file.open("w", newline="", encoding="utf-8") as stream:
+        stream.writelines(f"# {note}\n" for note in notes)
         table = csv.writer(stream)
         table.writerow(header)
         table.writerows([f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row] for row in rows)

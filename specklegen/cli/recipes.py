@@ -22,7 +22,7 @@ recipes = typer.Typer(help="List the packaged recipes, show one, or the schema o
 @recipes.callback(invoke_without_command=True)
 def list_recipes(context: typer.Context, as_json: AsJson = False) -> None:
     """List the packaged recipes."""
-    from specklegen.datasets.recipes.recipe_files import recipe_file, recipe_names
+    from specklegen.datasets.recipes.recipe_files import recipe_names, recipe_table
 
     if context.invoked_subcommand is not None:
         return
@@ -45,7 +45,7 @@ def show_recipe(recipe: RecipeName, changes: Set = None, as_json: AsJson = False
     import tomli_w
 
     from specklegen.datasets.recipes.overrides import changes_of
-    from specklegen.datasets.recipes.recipe_files import recipe_names, recipe_table
+    from specklegen.datasets.recipes.recipe_files import recipe_file, recipe_names
 
     file = recipe_file(recipe, changes_of(changes or []))
     table = file.table()

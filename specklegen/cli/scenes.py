@@ -236,7 +236,8 @@ def _show_curves(
     columns = {**columns, "intensity_correlation": lambda c: c.intensity, "standard_error": lambda c: c.standard_error}
     tables = {label: {name: read(c) for name, read in columns.items()} for label, c in curves.items()}
     rows = ([label, *row] for label, table in tables.items() for row in zip(*table.values(), strict=True))
-    write_csv(out / "memory-effect.csv", ["curve", *columns], rows)
+    notes = [f"{label}: {name} = {value}" for label, c in curves.items() for name, value in c.physics.items()]
+    write_csv(out / "memory-effect.csv", ["curve", *columns], rows, notes)
     if as_json:
         echo_json([
             {"curve": label, **tables[label], share: getattr(c, share), "paths": c.paths} for label, c in curves.items()

@@ -34,6 +34,7 @@ import numpy as np
 from specklegen.core.arguments import choice, instance, positive_number, real_number, whole_number
 from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.errors import reject
+from specklegen.core.labelled import recorded
 from specklegen.core.memory import require_memory
 from specklegen.core.quantities import with_units
 from specklegen.core.random_streams import Stream, pilot_seed
@@ -225,6 +226,7 @@ def shared_speckle(
     return np.square(Window(profile, width).coherence(*np.meshgrid(x, y)))
 
 
+@recorded
 @with_units
 @shielded()
 def render_partially_coherent(

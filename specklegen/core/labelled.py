@@ -4,18 +4,23 @@ A result names its arrays once (:meth:`Labelled._arrays`); all formats are made 
 """
 
 import csv
+import inspect
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, wraps
 from operator import attrgetter
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
 from specklegen.core.errors import reject
+from specklegen.core.quantities import mark_of
+from specklegen.core.units import WAVELENGTH, quantity
 from specklegen.core.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -25,6 +30,12 @@ MOST_ROWS = 5_000_000
 """Rows of a table; more are no longer read as one."""
 
 _META = "specklegen"
+ASKED = "_asked"
+"""Name under which a result holds its arguments in its ``__dict__``."""
+_LONGEST = 10_000  # characters of an attribute
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class Labels(NamedTuple):
@@ -48,6 +59,22 @@ class Labels(NamedTuple):
     coordinate: bool = False
 
 
+def recorded(function: Callable[P, R]) -> Callable[P, R]:
+    """Let results of a function hold its arguments, for :attr:`Labelled.physics`."""
+    signature = cache(lambda: inspect.signature(function))
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        result = function(*args, **kwargs)
+        if isinstance(result, Labelled):
+            bound = signature().bind(*args, **kwargs)
+            bound.apply_defaults()
+            vars(result)[ASKED] = bound.arguments
+        return result
+
+    return call
+
+
 class Labelled:
     """Result that can be taken along as data; a subclass names its arrays and its single numbers."""
 
@@ -59,7 +86,30 @@ class Labelled:
     """Attributes that are one number or word for the whole result, as ``report.paths``."""
 
     def _numbers(self) -> Mapping[str, str | int | float | bool]:
-        return {name.rpartition(".")[2]: attrgetter(name)(self) for name in self._single}
+        return {**self.physics, **{name.rpartition(".")[2]: attrgetter(name)(self) for name in self._single}}
+
+    @property
+    def physics(self) -> dict[str, str | int | float]:
+        """Arguments that it was computed from: medium, wavelength and its unit, mode, view, seed, version and others.
+
+        Media and other values are JSON, or their hash where that is long.
+        """
+        asked = dict(vars(self).get(ASKED, {}))
+        if not asked:
+            return {}
+        asked |= asked.pop("fields", {})
+        budget, scene = asked.pop("budget", None), asked.pop("scene", None)
+        asked = {"seed": 0, **({} if budget is None else vars(budget)), **asked}
+        marks = [mark for each in (scene, *asked.values()) if (mark := mark_of(each)) and mark.metres]
+        asked = ({} if scene is None else {name: getattr(scene, name) for name in type(scene).model_fields}) | asked
+        metres, wavelength = marks[0].metres if marks else None, asked.get("wavelength")
+        if isinstance(wavelength, str) and (read := quantity(wavelength)):
+            metres = metres or 1e-6
+            asked["wavelength"] = read.number(WAVELENGTH, metres)
+        attributes = {name: _attribute(each) for name, each in asked.items() if name not in self._arrays()}
+        unit = "length of the scene" if metres is None else "micrometre" if metres == 1e-6 else f"{metres:g} metre"
+        told = {"wavelength_unit": unit, "version": sys.modules["specklegen"].__version__}
+        return {name: each for name, each in attributes.items() if each is not None} | told
 
     def to_xarray(self) -> "xarray.Dataset":
         """Return an xarray.Dataset: arrays with named axes, coordinates, and units as the attribute ``units``.
@@ -110,6 +160,9 @@ class Labelled:
     def to_csv(self, path: str | PathLike) -> None:
         """Write a table: one row for each element, coordinates first, units in brackets behind the names.
 
+        Lines before it that begin with # say what was computed, as ``# wavelength = 0.5``. pandas skips them with
+        ``comment="#"``, NumPy by itself.
+
         Complex values take two columns, ``name.real`` and ``name.imag``. Numbers are written so that they are read back
         to the bit; what is undefined is an empty cell. Axes without a coordinate of their name are counted from 0.
 
@@ -141,10 +194,24 @@ class Labelled:
             else:
                 columns[name + unit] = _cells(values)
         text = io.StringIO(newline="")
+        text.writelines(f"# {name} = {each}\n" for name, each in self.physics.items())
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*columns.values(), strict=True))
         write_whole(file, text.getvalue().encode())
+
+
+def _attribute(value: Any) -> str | int | float | None:
+    """Return an argument as an attribute of a file; None of what is left out."""
+    if isinstance(value, str | int | float):
+        return int(value) if isinstance(value, bool) else value
+    if hasattr(value, "canonical_json"):
+        text = value.canonical_json()
+        return text if len(text) <= _LONGEST else f"sha256 {value.fingerprint()}"
+    if isinstance(value, list | tuple | np.ndarray):
+        text = json.dumps(np.asarray(value).tolist(), default=str)
+        return text if len(text) <= _LONGEST else None
+    return getattr(value, "name", None)
 
 
 def _file(verb: str, path: str | PathLike, suffix: str) -> Path:

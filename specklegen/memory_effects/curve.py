@@ -22,7 +22,7 @@ from specklegen.core.budgets import Budget, BudgetFields, Reverse, budget_of, re
 from specklegen.core.decision import Decision
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject, warn_user
-from specklegen.core.labelled import Labelled, Labels
+from specklegen.core.labelled import Labelled, Labels, recorded
 from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import seconds as seconds_of
 from specklegen.core.parallel import Threads, even_slices, in_turn, thread_count
@@ -235,6 +235,7 @@ class MemoryEffect(Pictured, Labelled):
         )  # fmt: skip
 
 
+@recorded
 @with_units
 @shielded()
 def memory_effect(

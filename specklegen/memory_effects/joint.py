@@ -23,7 +23,7 @@ from specklegen.core.arguments import positive_number, real_array
 from specklegen.core.budgets import Budget, BudgetFields, budget_of, require_time
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject
-from specklegen.core.labelled import Labelled, Labels
+from specklegen.core.labelled import Labelled, Labels, recorded
 from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import NANOSECONDS
 from specklegen.core.quantities import with_units
@@ -112,6 +112,7 @@ class JointCorrelation(Pictured, Labelled):
         axes.set(xlabel="shift", ylabel="tilt (sine)", xlim=across)
 
 
+@recorded
 @with_units
 @shielded()
 def joint_correlation(

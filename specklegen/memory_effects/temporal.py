@@ -23,7 +23,7 @@ from specklegen.core.arguments import array_from_zero, positive_number, real_arr
 from specklegen.core.budgets import Budget, BudgetFields, budget_of, require_time
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject, warn_user
-from specklegen.core.labelled import Labelled, Labels
+from specklegen.core.labelled import Labelled, Labels, recorded
 from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import seconds as seconds_of
 from specklegen.core.parallel import thread_count
@@ -156,6 +156,7 @@ class TemporalCorrelation(Pictured, Labelled):
             axes.set_xscale("symlog", linthresh=lags[lags > 0].min())
 
 
+@recorded
 @with_units
 @shielded()
 def temporal_correlation(

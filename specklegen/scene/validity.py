@@ -1,6 +1,7 @@
 """What the physics itself assumes of a scene, and where that is doubtful."""
 
 import math
+from typing import cast
 
 import numpy as np
 
@@ -51,17 +52,17 @@ def implausible(
         Of its object, in direction sines.
     """
     texts = []
-    stack = medium.stack
+    stack, volume = medium.stack, cast("Medium", medium)
     if stack is not None:
         covered = width / stack.correlation_lengths.max()
         if covered < _COVERED:
             texts.append(f"the beam covers {covered:.2g} correlation lengths of a diffuser, so images are not Gaussian")
     else:
-        if doubt := independence_doubt(medium.mean_free_path, wavelength):
+        if doubt := independence_doubt(volume.mean_free_path, wavelength):
             texts.append(doubt)
-        if 0 < medium.thickness < _THIN * wavelength:
-            texts.append(f"the medium is {medium.thickness:.3g} thick, {medium.thickness / wavelength:.2g} wavelengths")
-        ballistic = math.exp(-medium.optical_depth)
+        if 0 < volume.thickness < _THIN * wavelength:
+            texts.append(f"the medium is {volume.thickness:.3g} thick, {volume.thickness / wavelength:.2g} wavelengths")
+        ballistic = math.exp(-volume.optical_depth)
         if 0.5 < ballistic < 1:
             texts.append(f"{ballistic:.0%} of the light passes the medium unscattered")
     if size < wavelength / width:
@@ -75,8 +76,9 @@ def implausible_in(scene: Scene) -> list[str]:
     light = scene.illumination
     if not light.limited or light.focused:
         return implausible(scene.medium, scene.wavelength)
-    extended = isinstance(light, IncoherentObject) and light.brightness.size > 1
-    size = max(light.brightness.shape) * light.pitch if extended else math.inf
+    source = cast("IncoherentObject", light)
+    extended = not light.coherent and source.brightness.size > 1
+    size = max(source.brightness.shape) * source.pitch if extended else math.inf
     return implausible(scene.medium, scene.wavelength, scene.beams.width, size)
 
 

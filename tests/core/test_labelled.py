@@ -59,7 +59,7 @@ def test_arrays_have_an_axis_a_dimension_and_are_all_that_the_result_holds(resul
         assert len(each.axes) == each.values.ndim == len(set(each.axes))
     if dataclasses.is_dataclass(result) and not isinstance(result, Evaluation):
         held = {f.name for f in dataclasses.fields(result)} - {"classes", "decisions"}
-        assert held == set(arrays) | set(result._numbers())
+        assert held == set(arrays) | set(result._single)
 
 
 def test_datasets_hold_values_axes_and_units(result):
@@ -86,7 +86,7 @@ def test_files_of_numpy_come_back_to_the_bit(result, tmp_path):
 def test_tables_come_back_to_the_bit(result, tmp_path):
     result.to_csv(tmp_path / "a.csv")
     with (tmp_path / "a.csv").open(newline="") as file:
-        head, *rows = csv.reader(file)
+        head, *rows = csv.reader(line for line in file if not line.startswith("#"))
     columns = {name.partition(" [")[0]: column for name, column in zip(head, zip(*rows, strict=True), strict=True)}
     data = result.to_xarray()
     order = max((each.axes for each in result._arrays().values()), key=len)
@@ -132,3 +132,27 @@ def test_other_endings_and_endless_tables_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(labelled, "MOST_ROWS", 1)
     assert_refused(lambda: curve.to_csv(tmp_path / "a.csv"), r"^TemporalCorrelation\.to_csv must be")
     assert not [*tmp_path.iterdir()]
+
+
+def test_results_say_what_they_were_computed_of(tmp_path):
+    """Medium, wavelength with its unit, mode, seed, paths and version, in every format."""
+    medium = sg.Slab(thickness="10 um", mean_free_path="5 um", scatterer=sg.HenyeyGreenstein(0.9))
+    asked = {"wavelength": "500 nm", "tilts": ["0 deg", "1 mrad"], "paths": 100, "seed": 7}
+    curve = sg.memory_effect(medium, mode="reflection", **asked)
+    known = {"medium": medium.canonical_json(), "wavelength": 0.5, "wavelength_unit": "micrometre", "seed": 7,
+             "mode": "reflection", "paths": 100, "version": sg.__version__}  # fmt: skip
+    assert known.items() <= curve.physics.items()
+    assert known.items() <= curve.to_xarray().attrs.items()
+    curve.to_csv(tmp_path / "a.csv")
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    assert {f"# {name} = {value}" for name, value in known.items()} <= set(lines)
+    assert np.loadtxt(lines[sum(line.startswith("#") for line in lines) + 1 :], delimiter=",").shape[0] == 2
+    curve.save(tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz") as file:
+        assert known.items() <= json.loads(str(file["specklegen"]))["numbers"].items()
+    stack = sg.render(scene(), paths=64, seed=3).physics
+    assert (stack["seed"], stack["wavelength_unit"]) == (3, "length of the scene")
+    assert sg.Scene(**{**{name: json.loads(stack[name]) for name in ("medium", "illumination", "sensor")},
+                       "wavelength": stack["wavelength"]}) == scene()  # fmt: skip
+    view = sg.memory_effect(medium, mode="reflection", view=[0.1, 0.0, -(0.99**0.5)], **asked).physics["view"]
+    assert json.loads(view)[0] == 0.1

@@ -20,7 +20,7 @@ from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.decision import Decision
 from specklegen.core.display.plot import Pictured, decided, draw_curve
 from specklegen.core.errors import reject, warn_user
-from specklegen.core.labelled import Labelled, Labels
+from specklegen.core.labelled import Labelled, Labels, recorded
 from specklegen.core.memory import require_memory
 from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
 from specklegen.core.shielded import shielded
@@ -155,6 +155,7 @@ class Covariance(Pictured, Labelled):
             reject(f"Covariance.{name}", "asked of a covariance of all pairs", f"one of shape {self.value.shape}")
 
 
+@recorded
 @shielded()
 def covariance(
     scene: Scene, *, budget: Budget | None = None, pairs: ArrayLike | None = None, orders: Orders = "auto",
