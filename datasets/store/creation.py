@@ -140,15 +140,19 @@ def grown(store: Store, samples: int) -> Store:
     """
     with writing(store.folder), store.claimed_metadata():
         now = metadata.read(store.folder)
-        wanted = max(samples, now.room) if max(samples, now.room) > now.samples else None
-        while wanted is not None:
-            if wanted > now.room:
-                now.replace(room=wanted).write(store.folder)
-            now.write_arrays(store.folder, wanted)
-            now.replace(samples=wanted, room=wanted).write(store.folder)
-            now = metadata.recorded(store.folder) or now
-            wanted = metadata.disagreed(store.folder, now)  # whoever writes last finds what the others wrote
+        _grow(store.folder, now, max(samples, now.room) if max(samples, now.room) > now.samples else None)
     return Store(store.folder)
+
+
+def _grow(folder: Path, now: metadata.Metadata, wanted: int | None) -> None:
+    """Write the metadata of another length, until the record and the arrays agree on the longest."""
+    while wanted is not None:
+        if wanted > now.room:
+            now.replace(room=wanted).write(folder)
+        now.write_arrays(folder, wanted)
+        now.replace(samples=wanted, room=wanted).write(folder)
+        now = metadata.recorded(folder) or now
+        wanted = metadata.disagreed(folder, now)  # whoever writes last finds what the others wrote
 
 
 def mend_metadata(folder: Path, recipe: Renderable) -> str:
@@ -176,11 +180,11 @@ def mend_metadata(folder: Path, recipe: Renderable) -> str:
         return damage
 
 
-def _write_all(folder: Path, layout: metadata.Metadata, recipe: Renderable) -> None:
+def _write_all(folder: Path, layout: metadata.Metadata, recipe: Renderable, new: bool = False) -> None:
     """Write all metadata of a store into its place, the record last."""
     layout.write_arrays(folder, layout.samples)
     file_names.write(folder, getattr(recipe, "file_names", ()))
-    layout.write(folder)
+    layout.write(folder, new)
 
 
 def _create(
@@ -218,4 +222,7 @@ def _begin(
             lengths = metadata.lengths_of(folder, layout)
             samples = max(samples, *(lengths.get(name, 0) for name in layout.arrays if name != "checksum"))
             layout = metadata.Metadata(samples, samples, {**layout.files, "zarr.json": stated})
-        _write_all(folder, layout, recipe)
+        _write_all(folder, layout, recipe, new=content(folder / "valid" / "record.json") is None)
+        now = metadata.recorded(folder)
+        if now is not None:  # whoever was stopped for longer than its claim lasts finds what others wrote meanwhile
+            _grow(folder, now, metadata.disagreed(folder, now))

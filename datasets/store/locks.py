@@ -105,22 +105,36 @@ def claim_object(file: Any, wait: bool = False) -> Iterator[LockState]:
     """Claim what an object of this name stands for; "busy" if another process has it.
 
     Whoever waits gets it once the other one is done, or its claim is old: its date is, or it has not changed while it
-    was watched for as long, whatever the clock of a machine that was killed. Two may hold one claim where a clock is
-    minutes late, or where the file system knows no conditional put: both then write the same bytes.
+    was watched for as long, whatever the clock of a machine that was killed. An old claim is not deleted, since two may
+    see that it is old: the first to put the next generation of it, ``NAME.1``, holds it, and deletes both in the end.
+    Two may hold one claim where a clock is minutes late, a living process is stopped for longer than its claim lasts,
+    or the file system knows no conditional put.
     """
-    mine, last, since = _dated(), b"", time.monotonic()
-    while not put_new(file, mine):
-        dated = content(file, expected=False)
-        if dated is None:
+    watched: dict[Any, tuple[bytes, float]] = {}
+    old: list[tuple[Any, bytes]] = []  # generations before, as they were when they were seen to be old
+    while True:
+        mine = file.with_name(f"{file.name}.{len(old)}") if old else file
+        if put_new(mine, _dated()):
+            if all(content(before, expected=False) == dated for before, dated in old):
+                break
+            delete(mine)  # whoever held the generations before has ended meanwhile
+            old = []
             continue
+        dated = content(mine, expected=False)
+        if dated is None:
+            old = []
+            continue
+        last, since = watched.get(str(mine), (b"", 0.0))
         if dated != last:
             if wait and not last:
-                _LOG.warning("waiting for %s, claimed by another process (%s)", file, dated.decode(errors="replace"))
-            last, since = dated, time.monotonic()
+                _LOG.warning("waiting for %s, claimed by another process (%s)", mine, dated.decode(errors="replace"))
+            since = time.monotonic()
+            watched[str(mine)] = dated, since
         if _is_old(dated) or time.monotonic() - since > OLD:
-            delete(file)
+            old.append((mine, dated))
         elif wait:
             time.sleep(LOOK)
+            old = []
         else:
             yield "busy"
             return
@@ -129,16 +143,18 @@ def claim_object(file: Any, wait: bool = False) -> Iterator[LockState]:
     def beat() -> None:
         while not ended.wait(BEAT):
             with suppress(OSError):
-                put(file, _dated())
+                put(mine, _dated())
 
-    heart = threading.Thread(target=beat, daemon=True, name=f"heartbeat of {file.name}")
+    heart = threading.Thread(target=beat, daemon=True, name=f"heartbeat of {mine.name}")
     heart.start()
     try:
         yield "held"
     finally:
         ended.set()
         heart.join()
-        delete(file)
+        for before, _ in old:
+            delete(before)
+        delete(mine)
 
 
 def _dated() -> bytes:

@@ -21,7 +21,7 @@ from specklegen.core.whole_files import WAITS
 from specklegen.datasets.store.files import json_bytes, reaching
 from specklegen.datasets.store.identity import differences, fingerprint
 from specklegen.datasets.store.places import content as bytes_of
-from specklegen.datasets.store.places import put
+from specklegen.datasets.store.places import is_remote, put, put_new
 
 FORMAT = "specklegen store, version 2"
 COLUMNS = ("parameters", "index", "seed", "seal")
@@ -74,10 +74,10 @@ class Metadata:
         """Return the metadata of a store of other lengths."""
         return type(self)(**{"samples": self.samples, "room": self.room} | lengths, files=self.files)
 
-    def write(self, folder: Path) -> None:
-        """Write the record."""
+    def write(self, folder: Path, new: bool = False) -> None:
+        """Write the record; one that is ``new`` leaves a record that is there as it is."""
         content = {"samples": self.samples, "room": self.room, "files": self.files}
-        put(_record(folder), json_bytes({"sha256": fingerprint(content), "content": content}))
+        (put_new if new else put)(_record(folder), json_bytes({"sha256": fingerprint(content), "content": content}))
 
     def write_arrays(self, folder: Path, samples: int) -> None:
         """Write every ``zarr.json`` that does not say what it should for so many samples; the ledger's last."""
@@ -147,6 +147,9 @@ def read(folder: Path) -> Metadata:
             faults = list(_faults(folder, there))
             if not faults:
                 return there
+        if not data and is_remote(folder) and is_store(folder) and not _bytes(_record(folder)):
+            reject("store.folder", "a store that has been begun", str(folder),
+                   "A call of generate is beginning it, or was killed at it: run generate again.")  # fmt: skip
         if _bytes(_record(folder)) != data:
             continue  # another call is growing it, or, if lengths alone differ, may be
         wait = next(waits, None) if all("(length" in fault for fault in faults) else None

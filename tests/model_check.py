@@ -1,0 +1,271 @@
+"""Interleavings of writers, deaths and a reader at a fake object store: one operation at a time, in an order drawn.
+
+    python tests/model_check.py --schedules 10000
+
+Each writer is a thread that runs the real code; before every operation on the store (put, conditional put, list, read,
+deletion) and every wait the next thread is drawn. A dead writer does nothing any more, not even what stands in its
+``finally``. Time goes on when all that live wait, so that claims of the dead grow old; where writers are stopped, it
+goes on at every wait, and living writers lose their claims too.
+
+In every schedule no living writer fails, the reader reads right samples or none, and a last call ends with the bytes of
+an undisturbed store.
+"""
+
+import argparse
+import random
+import threading
+import time
+import types
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+from unittest.mock import patch
+
+import fsspec
+import numpy as np
+from fake_recipe import FakeRecipe, assert_same
+from upath import UPath
+
+from specklegen.core import whole_files
+from specklegen.datasets.loading.cache import SpeckleCache
+from specklegen.datasets.sample_schema import ArraySpec
+from specklegen.datasets.store import creation, locks, metadata
+from specklegen.datasets.store.generate import generate
+from specklegen.datasets.store.shards import MissingSample
+from specklegen.datasets.store.verify import verify
+
+OPERATIONS = ("pipe_file", "cat_file", "find", "rm", "rm_file", "info", "open")
+SAMPLES = 3
+SHARD = 2
+LONGEST_WAIT = 4000.0
+"""Seconds after which the dead of a schedule keep nobody waiting: some claims of 150 s, one after the other."""
+
+
+class Small(FakeRecipe):
+    """One array and one parameter: few operations a shard."""
+
+    def layout(self) -> dict[str, ArraySpec]:
+        level = ArraySpec(dtype="float64", units="photons", description="light level")
+        return {"level": level, "parameters": super().layout()["parameters"]}
+
+    def sample(self, seed: int, split: str, index: int) -> dict[str, Any]:
+        sample = super().sample(seed, split, index)
+        return {name: sample[name] for name in ("level", "index", "parameters")}
+
+
+RECIPE = Small(side=1)
+
+
+class Death(BaseException):
+    """The process is gone."""
+
+
+class Schedule:
+    """Threads of which one runs at a time; the next is drawn before each operation.
+
+    Parameters
+    ----------
+    draws
+        Random numbers.
+    deaths
+        Operations before which each thread dies; 0 for never.
+    stopped
+        Whether living writers may be stopped for longer than their claims last.
+    """
+
+    def __init__(self, draws: random.Random, deaths: list[int], stopped: bool = False) -> None:
+        self._draws, self._deaths, self._stay = draws, deaths, draws.choice([0.5, 0.8, 0.95])
+        self._turns = [threading.Semaphore(0) for _ in deaths]
+        self._alive, self._steps = [*range(len(deaths))], [0] * len(deaths)
+        self._over, self._here = threading.Event(), threading.local()
+        self._stopped, self._waiting = stopped, set()
+        self.errors: list[BaseException | None] = [None] * len(deaths)
+        self.clock = 1e9
+        self.time = types.SimpleNamespace(time=self._now, monotonic=self._now, sleep=self._sleep,
+                                          perf_counter=time.perf_counter)  # fmt: skip
+
+    def _now(self) -> float:
+        return self.clock
+
+    def _sleep(self, seconds: float) -> None:
+        self._waiting.add(getattr(self._here, "number", None))
+        if self._stopped or self._waiting >= {*self._alive}:
+            self.clock += seconds
+            self._waiting.clear()
+        self.step(waits=True)
+
+    def step(self, waits: bool = False) -> None:
+        """Let another thread go on, perhaps; die, perhaps."""
+        number = getattr(self._here, "number", None)
+        if number is None:
+            return
+        if not waits:
+            self._waiting.discard(number)
+        self._steps[number] += 1
+        if self._deaths[number] and self._steps[number] >= self._deaths[number]:
+            raise Death
+        if self._draws.random() > self._stay:
+            following = self._draws.choice(self._alive)
+            if following != number:
+                self._turns[following].release()
+                self._turns[number].acquire()
+
+    def atomic(self, act: Callable) -> Callable:
+        """Wrap an operation: what it calls itself belongs to it."""
+
+        def wrapped(*arguments: Any, **options: Any) -> Any:
+            if getattr(self._here, "inside", False):
+                return act(*arguments, **options)
+            self.step()
+            self._here.inside = True
+            try:
+                return act(*arguments, **options)
+            finally:
+                self._here.inside = False
+
+        return wrapped
+
+    def run(self, works: list[Callable[[], None]]) -> None:
+        """Run them all to their ends."""
+
+        def body(number: int) -> None:
+            self._here.number = number
+            self._turns[number].acquire()
+            try:
+                works[number]()
+            except Death:
+                pass
+            except BaseException as error:
+                self.errors[number] = error
+            self._alive.remove(number)
+            self._turns[self._draws.choice(self._alive)].release() if self._alive else self._over.set()
+
+        threads = [threading.Thread(target=body, args=(number,), daemon=True) for number in range(len(works))]
+        for thread in threads:
+            thread.start()
+        self._turns[self._draws.choice(self._alive)].release()
+        assert self._over.wait(60), "no thread goes on"
+
+    @contextmanager
+    def installed(self) -> Iterator[None]:
+        """Put the schedule in the place of clocks and operations."""
+        system = fsspec.get_filesystem_class("memory")
+        quiet = types.SimpleNamespace(Event=threading.Event, Thread=_NoHeart)
+        with ExitStack() as stack:
+            for name in OPERATIONS:
+                stack.enter_context(patch.object(system, name, self.atomic(getattr(system, name))))
+            for module in (locks, creation, metadata, whole_files):
+                if hasattr(module, "time"):
+                    stack.enter_context(patch.object(module, "time", self.time))
+                if hasattr(module, "LOOK"):
+                    stack.enter_context(patch.object(module, "LOOK", 40.0))
+            stack.enter_context(patch.object(locks, "threading", quiet))
+            yield
+
+
+class _NoHeart:
+    """A heart that does not beat: claims grow old as time goes on."""
+
+    def __init__(self, **_: Any) -> None:
+        pass
+
+    def start(self) -> None:
+        """Do nothing."""
+
+    def join(self) -> None:
+        """Do nothing."""
+
+
+def write(place: Any, samples: int = SAMPLES) -> None:
+    """Begin, fill and grow the store."""
+    generate(RECIPE, samples=samples, shard_samples=SHARD, folder=place, processes=1)
+
+
+def read(place: Any) -> None:
+    """Read what is there, three times."""
+    for _ in range(3):
+        try:
+            cache = SpeckleCache(place)
+        except ValueError as error:
+            if "a folder that holds a store" in str(error) or "that has been begun" in str(error):
+                continue
+            raise
+        for n in range(len(cache)):
+            try:
+                sample = cache.numpy(n) | {"index": np.int64(n)}
+            except MissingSample:
+                continue
+            assert_same(sample, RECIPE.sample(0, "train", n))
+
+
+def contents(place: Any) -> dict[str, bytes]:
+    """Every object of the store but claims."""
+    start = len(place.path.rstrip("/")) + 1
+    names = [name for name in place.fs.find(place.path) if "/claims/" not in name]
+    return {name[start:]: place.fs.cat_file(name) for name in names}
+
+
+def reference() -> dict[int, dict[str, bytes]]:
+    """Contents of undisturbed stores of each length."""
+    stores = {}
+    for samples in (SAMPLES, SAMPLES + 2):
+        place = UPath(f"memory://model/whole{samples}.zarr")
+        write(place, samples)
+        stores[samples] = contents(place)
+    return stores
+
+
+def check(seed: int, whole: dict[int, dict[str, bytes]], ahead: bool = False, stopped: bool = False) -> None:
+    """Run one schedule: two or three writers to one or two lengths, of which up to two die, and perhaps a reader."""
+    draws = random.Random(seed)
+    place = UPath(f"memory://model/{seed}.zarr")
+    lengths = [draws.choice([SAMPLES, SAMPLES + 2]) for _ in range(draws.choice([2, 2, 3]))]
+    deaths = [draws.choice([0, draws.randint(1, 25), draws.randint(1, 140)]) for _ in lengths]
+    works: list[Callable[[], None]] = [lambda samples=samples: write(place, samples) for samples in lengths]
+    if draws.random() < 0.3:
+        works.append(lambda: read(place))
+        deaths.append(0)
+    schedule = Schedule(draws, deaths, stopped)
+    with schedule.installed():
+        if ahead and draws.random() < 0.5:
+            place.fs.pipe_file(f"{place.path}/valid/claims/1", f"{schedule.clock + 86400:.3f}".encode())
+        schedule.run(works)
+        for error in schedule.errors:
+            if error is not None:
+                raise error
+        longest = max(lengths)
+        write(place, longest)
+        assert schedule.clock < 1e9 + LONGEST_WAIT, "waits for a dead claim for hours"
+    assert contents(place) == whole[longest], "other bytes"
+    assert verify(place).sound
+    place.fs.rm(place.path, recursive=True)
+    place.with_name(f"{seed}.card.md").unlink()
+
+
+def run(schedules: int, seed: int = 0, ahead: bool = True, stopped: bool = False) -> dict[int, str]:
+    """Check schedules; return the words of those that broke a law, by their seed."""
+    whole, broken = reference(), {}
+    for number in range(seed, seed + schedules):
+        try:
+            check(number, whole, ahead, stopped)
+        except Exception as error:
+            broken[number] = f"{type(error).__name__}: {str(error)[:300]}"
+    return broken
+
+
+def main() -> None:
+    """Check as many as are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--schedules", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--stopped", action="store_true", help="writers may be stopped for longer than claims last")
+    arguments = parser.parse_args()
+    begin = time.perf_counter()
+    broken = run(arguments.schedules, arguments.seed, stopped=arguments.stopped)
+    for seed, words in [*broken.items()][:10]:
+        print(seed, words)
+    print(f"{arguments.schedules} schedules in {time.perf_counter() - begin:.0f} s, {len(broken)} break a law")
+
+
+if __name__ == "__main__":
+    main()
