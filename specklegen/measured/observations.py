@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NoReturn, Self
+from typing import Annotated, Any, ClassVar, Literal, NoReturn, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike
 from specklegen.core.arguments import choice, finite_numbers, positive_number, real_number
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject
+from specklegen.core.quantities import nodes_of, plain_numbers
+from specklegen.core.units import RADIAN, TIME
 from specklegen.measured.curve import read_curve
 
 SURE = 4.0
@@ -75,7 +77,9 @@ class _Curve(Observation):
     def _check(self) -> None:
         """Bring fields to arrays, and refuse what no measurement gives; the line of a file is named."""
         owner = type(self).__name__
-        at = finite_numbers(f"{owner} {self._where}", getattr(self, self._where))
+        written = {self._where: getattr(self, self._where)}
+        numbers, _ = plain_numbers(f"{owner} ", written, nodes_of(type(self)))
+        at = finite_numbers(f"{owner} {self._where}", numbers[self._where])
         given = getattr(self, self._what)
         planned = given is None
         values = np.full(at.shape, self._range[1]) if planned else finite_numbers(f"{owner} {self._what}", given)
@@ -163,7 +167,7 @@ class MemoryCurve(_Curve):
 
     _where, _what, _range = "tilts", "c_i", (0.0, 1.0)
 
-    tilts: np.ndarray | ArrayLike
+    tilts: Annotated[np.ndarray | ArrayLike, RADIAN]
     c_i: np.ndarray | ArrayLike | None
     error: np.ndarray | ArrayLike
 
@@ -208,7 +212,7 @@ class TemporalCurve(_Curve):
 
     _where, _what, _range = "lags", "g2", (1.0, 2.0)
 
-    lags: np.ndarray | ArrayLike
+    lags: Annotated[np.ndarray | ArrayLike, TIME]
     g2: np.ndarray | ArrayLike | None
     error: np.ndarray | ArrayLike
     beta: float = 1.0

@@ -10,6 +10,7 @@ from specklegen.core.errors import RuleError
 from specklegen.core.quantities import mark_of, nodes_of
 from specklegen.core.units import METRES
 from specklegen.datasets import load_recipe
+from specklegen.measured import MemoryCurve, TemporalCurve
 from specklegen.wavetracing import GaussianLaser, Plane
 
 UNITS = ("nm", "um", "mm", "m")
@@ -159,6 +160,15 @@ def test_a_ground_glass_takes_no_wavelength_in_metres():
     assert sg.memory_effect(in_metres, wavelength=532e-9, tilts=[0.0, 1e-3]).intensity == pytest.approx(right)
     with pytest.raises(RuleError, match="one unit of length"):
         sg.ScreenStack(screens=(glass, in_metres), gaps=(1.0,))
+
+
+def test_measured_curves_take_units():
+    tilts = MemoryCurve(tilts=["0.1 mrad", "0.2 mrad"], c_i=[0.9, 0.7], error=0.01)
+    assert np.allclose(tilts.at, [1e-4, 2e-4], rtol=1e-12)
+    lags = TemporalCurve(lags=["1 ms", "10 ms"], g2=[1.6, 1.1], error=0.01)
+    assert np.array_equal(lags.at, [1e-3, 1e-2])
+    with pytest.raises(RuleError, match=r"TemporalCurve lags.1 must be written with its unit"):
+        TemporalCurve(lags=["1 ms", 10.0], g2=[1.6, 1.1], error=0.01)
 
 
 def test_presets_know_their_unit():
