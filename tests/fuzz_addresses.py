@@ -3,8 +3,8 @@
     python tests/fuzz_addresses.py --trials 100                  at a bucket in a folder of this machine
     python tests/fuzz_addresses.py --trials 100 --server         at a server of the S3 protocol (moto, s3fs)
 
-After every trial the same call ends with the bytes of an uninterrupted run, and leaves no claim. A process that was
-not killed has not failed.
+After every trial the same call ends with the bytes of an uninterrupted run. A process that was not killed has not
+failed. A claim of the dead may stay, of the metadata that were whole: it is old, and keeps nobody waiting.
 """
 
 import argparse
@@ -82,7 +82,7 @@ def trial(place: Callable[[], Any], kills: list[int], reference: dict[str, bytes
     assert verify(folder).sound, kills
     folder.fs.invalidate_cache()
     start = len(folder.path.rstrip("/")) + 1
-    objects = {name[start:]: folder.fs.cat_file(name) for name in folder.fs.find(folder.path)}
+    objects = {name[start:]: folder.fs.cat_file(name) for name in folder.fs.find(folder.path) if "/claims/" not in name}
     assert objects == reference, (kills, sorted(objects.keys() ^ reference.keys()))
     return died
 
