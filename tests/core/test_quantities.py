@@ -144,6 +144,26 @@ def slab(**fields: object) -> sg.Slab:
     return sg.Slab(**given)
 
 
+def test_images_do_not_know_the_unit():
+    """The same bits of texts in any unit. Of bare numbers intensities are areas in it; what transforms leave out of path
+    sums, a thousandth of a field at most, follows from last bits."""
+
+    def image(length, angle):
+        slab = sg.Slab(thickness=length(2e-4), mean_free_path=length(5e-5), scatterer=sg.HenyeyGreenstein(0.8))
+        light = sg.CollimatedBeams.tilts([0.0, angle], width=length(4e-4))
+        seen = sg.FarField.grid((16, 16), 5e-4)
+        scene = sg.Scene(wavelength=length(5e-7), medium=slab, illumination=light, sensor=seen)
+        return sg.render(scene, paths=500, seed=1, sampler="paths").intensity
+
+    reference = image(lambda metres: metres * 1e6, 5e-4)
+    for unit in ("nm", "um", "mm", "m"):
+        size = METRES[unit]
+        written = image(lambda metres, unit=unit, size=size: f"{metres / size:.12g} {unit}", "0.5 mrad")
+        np.testing.assert_array_equal(written, reference)
+        bare = image(lambda metres, size=size: metres / size, 5e-4) * (size / 1e-6) ** 2
+        np.testing.assert_allclose(bare, reference, rtol=0, atol=1e-4 * reference.mean())
+
+
 def test_all_violations_are_told_at_once():
     with pytest.raises(RuleError) as error:
         load_recipe("through-slab", {"material": {"thickness": 0.5, "wavelength": "532 nm"}, "window": {"width": 5.0}})
