@@ -145,8 +145,8 @@ def slab(**fields: object) -> sg.Slab:
 
 
 def test_images_do_not_know_the_unit():
-    """The same bits of texts in any unit. Of bare numbers intensities are areas in it; what transforms leave out of path
-    sums, a thousandth of a field at most, follows from last bits."""
+    """The same bits of texts in any unit. Of bare numbers intensities are areas in it; what transforms leave out of
+    path sums, a thousandth of a field at most, follows from last bits."""
 
     def image(length, angle):
         slab = sg.Slab(thickness=length(2e-4), mean_free_path=length(5e-5), scatterer=sg.HenyeyGreenstein(0.8))
