@@ -375,7 +375,7 @@ def streets(out, quick):
     figure, panels = plt.subplots(2, 2, figsize=(11, 6.5))
     for line, frequency in zip(panels, (0.9e9, 30e9), strict=True):
         start = time.process_time()
-        wave, error = powers(place, place.scene, frequency, "wave", diffractions=1 if quick else 2, reflections=1)
+        wave, error = powers(place, place.scene, frequency, "wave", diffractions=1, reflections=1)
         seconds = time.process_time() - start
         ray, _ = powers(place, place.scene, frequency, "ray", beams=40_000 if quick else 400_000)
         lit, dark = place.air & (ray > 0), place.air & (ray == 0)
