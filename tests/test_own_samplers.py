@@ -54,7 +54,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def recipe(folder):
-    return load_recipe(folder / "one.toml")
+    return load_recipe(folder / "one.toml", trusted=True)
 
 
 @pytest.fixture(scope="module")
