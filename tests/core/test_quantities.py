@@ -151,13 +151,12 @@ def test_images_do_not_know_the_unit():
     def image(length, angle):
         slab = sg.Slab(thickness=length(2e-4), mean_free_path=length(5e-5), scatterer=sg.HenyeyGreenstein(0.8))
         light = sg.CollimatedBeams.tilts([0.0, angle], width=length(4e-4))
-        seen = sg.FarField.grid((16, 16), 5e-4)
-        scene = sg.Scene(wavelength=length(5e-7), medium=slab, illumination=light, sensor=seen)
+        seen, scale = sg.FarField.grid((16, 16), 5e-4), length(5e-7)
+        scene = sg.Scene(wavelength=scale, medium=slab, illumination=light, sensor=seen)
         return sg.render(scene, paths=500, seed=1, sampler="paths").intensity
 
     reference = image(lambda metres: metres * 1e6, 5e-4)
-    for unit in ("nm", "um", "mm", "m"):
-        size = METRES[unit]
+    for unit, size in ((unit, METRES[unit]) for unit in UNITS):
         written = image(lambda metres, unit=unit, size=size: f"{metres / size:.12g} {unit}", "0.5 mrad")
         np.testing.assert_array_equal(written, reference)
         bare = image(lambda metres, size=size: metres / size, 5e-4) * (size / 1e-6) ** 2
