@@ -1,7 +1,7 @@
 """The claims of [Steinberg] (*Wave Tracing*) as figures and tables, each beside an exact solution where there is one.
 
 Writes steinberg-slit.png, steinberg-two-stages.png, steinberg-energy.png, steinberg-coverage.png,
-steinberg-streets.png, steinberg-convergence.png and steinberg-cost.png; prints the tables of
+steinberg-convergence.png and steinberg-cost.png; prints the tables of
 docs/notes/wavetracing.md. Wavelength 1 unless said.
 Times are processor seconds of one thread: quote ratios. ``--quick`` takes fewer beams.
 
@@ -19,7 +19,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from _command import run
-from _coverage_scenes import PLACES, forty_blocks
+from _coverage_scenes import PLACES
 from _saving import save
 from scipy.stats import norm
 
@@ -369,40 +369,11 @@ def maps(out, quick):
     )  # fmt: skip
 
 
-def streets(out, quick):
-    """Forty blocks at two frequencies: what waves bring to streets that no ray reaches, and the error of each cell."""
-    place, rows = forty_blocks(), []
-    figure, panels = plt.subplots(2, 2, figsize=(11, 6.5))
-    for line, frequency in zip(panels, (0.9e9, 30e9), strict=True):
-        start = time.process_time()
-        wave, error = powers(place, place.scene, frequency, "wave", diffractions=1, reflections=1)
-        seconds = time.process_time() - start
-        ray, _ = powers(place, place.scene, frequency, "ray", beams=40_000 if quick else 400_000)
-        lit, dark = place.air & (ray > 0), place.air & (ray == 0)
-        rows.append([
-            f"{frequency / 1e9:g} GHz", f"{dark.sum() / place.air.sum():.0%}", f"{np.mean(wave[dark] > 0):.0%}",
-            decibel(wave[dark], error[dark]), decibel(wave[lit], error[lit]),
-            *(f"{np.median((error / np.maximum(wave, 1e-300))[some & (wave > 0)]):.0%}" for some in (lit, dark)),
-            f"{seconds:.0f}",
-        ])  # fmt: skip
-        with np.errstate(divide="ignore", invalid="ignore"):
-            shown = [10 * np.log10(np.where(place.air, wave, 0)), 10 / np.log(10) * error / wave]
-        title = f"forty blocks, {frequency / 1e9:g} GHz: "
-        draw_map(line[0], place, np.ma.masked_invalid(shown[0]), title + "waves, dB over 1 m", -110, -30)
-        draw_map(line[1], place, np.ma.masked_invalid(shown[1]), title + "standard error, dB", 0, 3)
-    save(figure, out / "steinberg-streets.png", dpi=72)
-    table(
-        "Forty blocks by paths",
-        ["frequency", "dark to rays", "of them lit by waves", "wave there, dB", "wave in lit cells, dB",
-         "error of a lit cell, median", "of a dark one", "CPU s"], rows,
-    )  # fmt: skip
-
-
 def main(out: Path, quick: bool) -> None:
     """Draw all figures into ``out`` and print all tables."""
     out.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter("ignore", DoubtWarning)  # slits of flatland are longer than any Fresnel zone
-    for part in (slit_methods, two_stages, cost, energy, convergence, trials, maps, streets):
+    for part in (slit_methods, two_stages, cost, energy, convergence, trials, maps):
         part(out, quick)
 
 

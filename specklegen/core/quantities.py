@@ -433,7 +433,7 @@ def with_units(function: Callable[P, R]) -> Callable[P, R]:
     Once a length has a unit, all of the call must have one, those of values among its arguments too. A bare wavelength
     beside a value with a physical scale must be one of light.
     """
-    signature = cache(lambda: inspect.signature(function))
+    signature = inspect.signature(function)
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -442,7 +442,7 @@ def with_units(function: Callable[P, R]) -> Callable[P, R]:
         if not scales and not any(map(holds_text, everything)):
             return function(*args, **kwargs)
         try:
-            bound = signature().bind(*args, **kwargs)
+            bound = signature.bind(*args, **kwargs)
         except TypeError:
             return function(*args, **kwargs)  # which says it in its own words
         given = bound.arguments
@@ -455,7 +455,7 @@ def with_units(function: Callable[P, R]) -> Callable[P, R]:
         # A value that was made of what has units has them too: beams, of the width that was written.
         return marked(result, reading.mark) if isinstance(result, BaseModel) and not mark_of(result) else result
 
-    call.__dict__["__signature__"] = _without_dimensions(inspect.signature(function))
+    call.__dict__["__signature__"] = _without_dimensions(signature)
     return call
 
 

@@ -51,7 +51,7 @@ def test_columns_are_the_rendered_fields():
 
 @pytest.mark.parametrize("medium", [sg.PhaseScreen(correlation_length=10.0, rms_phase=3.0), sg.GroundGlass(grit=220)])
 def test_thin_media_have_a_matrix_by_default(medium):
-    """That of a screen is its Fourier transform: the fields that render draws of it under the same seed."""
+    """The fields that render draws of it under the same seed."""
     lit = scene(TILTS, medium=medium)
     np.testing.assert_array_equal(transmission_matrix(lit, seed=3).value, sg.render(lit, seed=3).field.reshape(3, -1).T)
 

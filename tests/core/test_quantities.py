@@ -18,6 +18,14 @@ SETUPS = 500
 LAB = ("wavelength", "object_distance", "object_extent", "aperture", "camera_distance", "pixel_pitch", "bandwidth")
 
 
+SPHERES = """
+type = "Slab"
+thickness = "1 mm"
+mean_free_path = "0.1 mm"
+scatterer = {type = "Mie", radius = 0.7, wavelength = "500 nm", refractive_index = 1.2}
+"""
+
+
 def drawn_lengths(rng: np.random.Generator) -> dict[str, float]:
     """Lengths of a setup of four digits, metres."""
     ranges = {
@@ -131,6 +139,7 @@ def _used(make, glass: bool) -> list[str]:
         (lambda: sg.memory_effect(sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.Isotropic()),
                                   wavelength="532 nm", tilts=[0.0]), "memory_effect medium.thickness"),
         (lambda: slab().replace(thickness=700.0), "Slab.thickness"),
+        (lambda: sg.Slab.from_toml(SPHERES), "Slab.scatterer.radius"),
     ],
 )  # fmt: skip
 def test_refused_by_field(make, field):
