@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperCommand
 from typer.models import OptionInfo
 
-from specklegen.core.quantities import Nodes, node_of, plain_numbers
+from specklegen.core.quantities import Nodes, marked, node_of, plain_numbers
 from specklegen.core.units import quantity
 
 _ENTRY = re.compile(r"^(\w+)\n((?:    .*\n?|\n)+)", re.MULTILINE)
@@ -86,7 +86,7 @@ def _group(annotation: Any) -> tuple[Callable[..., Any], list[inspect.Parameter]
 
 
 class _Written(float):
-    """A number that stands in the command line, and is no default."""
+    """A number that stands in the command line, and is no default; it remembers whether it had a unit."""
 
 
 def _number(text: Any) -> Any:
@@ -102,7 +102,9 @@ def _number(text: Any) -> Any:
 def _in_numbers(values: dict[str, Any], nodes: Nodes) -> dict[str, Any]:
     """Return numbers for options with units; once one of the command line has a unit, all of it must have one."""
     given = {name: values[name] for name in nodes if isinstance(values[name], str | _Written)}
-    return {name: float(number) for name, number in plain_numbers("--", given, nodes)[0].items()}
+    numbers, reading = plain_numbers("--", given, nodes)
+    return {name: marked(_Written(number), reading.mark) if any(reading.mark) else float(number)
+            for name, number in numbers.items()}  # fmt: skip
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, ParamSpec, TypeVar
 import numpy as np
 
 from specklegen.core.errors import reject
+from specklegen.core.extras import extras_named
 from specklegen.core.quantities import mark_of
 from specklegen.core.units import WAVELENGTH, quantity
 from specklegen.core.whole_files import write_whole
@@ -100,6 +101,8 @@ class Labelled:
         asked |= asked.pop("fields", {})
         budget, scene = asked.pop("budget", None), asked.pop("scene", None)
         asked = {"seed": 0, **({} if budget is None else vars(budget)), **asked}
+        if asked.get("view", 0) is None:
+            asked["view"] = "axis"
         marks = [mark for each in (scene, *asked.values()) if (mark := mark_of(each)) and mark.metres]
         asked = ({} if scene is None else {name: getattr(scene, name) for name in type(scene).model_fields}) | asked
         metres, wavelength = marks[0].metres if marks else None, asked.get("wavelength")
@@ -127,6 +130,67 @@ class Labelled:
         for name, (axes, values, unit, coordinate) in self._arrays().items():
             data[coordinate][name] = (axes, values, {"units": unit})
         return xarray.Dataset(data[False], data[True], {**self._numbers(), "result": type(self).__name__})
+
+    def to_netcdf(self, path: str | PathLike) -> None:
+        """Write a NetCDF 3 file, which ``xarray.open_dataset`` reads without this library.
+
+        NetCDF 3 has no complex numbers: such an array becomes two, ``name.real`` and ``name.imag``. It has no whole
+        numbers of 64 bits either: a seed that is one is written as a text. The attribute ``mode`` is named
+        ``mode_of_views``, for SciPy cannot close a file that has an attribute ``mode``.
+
+        Parameters
+        ----------
+        path
+            Ends in ".nc". A file that is there is replaced.
+
+        Raises
+        ------
+        ImportError
+            Without xarray: ``pip install "specklegen-torch[xarray]"``.
+        RuleError
+            For another ending.
+        OSError
+            If it cannot be written.
+        """
+        file, data = _file("to_netcdf", path, ".nc"), self.to_xarray()
+        for name in [str(name) for name, each in data.variables.items() if np.iscomplexobj(each)]:
+            for part in ("real", "imag"):
+                data[f"{name}.{part}"] = getattr(data[name], part).assign_attrs(data[name].attrs)
+            data = data.drop_vars(name)
+        data.attrs = {"mode_of_views" if name == "mode" else name: x for name, x in _written(data.attrs).items()}
+        write_whole(file, bytes(data.to_netcdf(engine="scipy")))
+
+    def to_hdf5(self, path: str | PathLike) -> None:
+        """Write an HDF5 file: a dataset an array, its unit as the attribute ``units``, its axes as labels.
+
+        Single numbers, and the arguments of :attr:`physics`, are attributes of the file.
+
+        Parameters
+        ----------
+        path
+            Ends in ".h5". A file that is there is replaced.
+
+        Raises
+        ------
+        ImportError
+            Without h5py: ``pip install "specklegen-torch[hdf5]"``.
+        RuleError
+            For another ending.
+        OSError
+            If it cannot be written.
+        """
+        file, buffer = _file("to_hdf5", path, ".h5"), io.BytesIO()
+        with extras_named():
+            import h5py
+        with h5py.File(buffer, "w") as target:
+            target.attrs.update(_written({**self._numbers(), "result": type(self).__name__}))
+            for name, each in self._arrays().items():
+                values = each.values.astype(object) if each.values.dtype.kind == "U" else each.values
+                data = target.create_dataset(name, data=values)
+                data.attrs["units"] = each.unit
+                for n, axis in enumerate(each.axes):
+                    data.dims[n].label = axis
+        write_whole(file, buffer.getvalue())
 
     def save(self, path: str | PathLike) -> None:
         """Write a NumPy file of all arrays, which ``numpy.load`` reads without this library.
@@ -212,6 +276,12 @@ def _attribute(value: Any) -> str | int | float | None:
         text = json.dumps(np.asarray(value).tolist(), default=str)
         return text if len(text) <= _LONGEST else None
     return getattr(value, "name", None)
+
+
+def _written(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return attributes that files hold: True as 1, whole numbers of more than 32 bits as texts."""
+    numbers = {name: int(x) if isinstance(x, bool) else x for name, x in numbers.items()}
+    return {name: str(x) if isinstance(x, int) and abs(x) >= 2**31 else x for name, x in numbers.items()}
 
 
 def _file(verb: str, path: str | PathLike, suffix: str) -> Path:

@@ -251,8 +251,10 @@ class Reading:
         elif dimension is UNIT:
             self._units += [float(value)] if isinstance(value, int | float) else []
         elif (dimension.length or dimension.time) and isinstance(value, np.ndarray | np.generic | int | float):
-            array = np.asarray(value)
-            if array.dtype.kind in "iuf" and (np.isfinite(array) & (array != 0)).any():
+            array, own = np.asarray(value), mark_of(value)
+            if own is not None:  # a number that was a text when the command line was read
+                self._marks.append((place, own))
+            elif array.dtype.kind in "iuf" and (np.isfinite(array) & (array != 0)).any():
                 powers = bool(dimension.length) and not known.metres, bool(dimension.time) and not known.times
                 self.bare.append(Bare(place, dimension, value, *powers))
         return value
@@ -322,7 +324,9 @@ def plain_numbers(
     metres = reading.mark.metres or 1e-6
 
     def number(_: Place, dimension: Dimension, value: Any) -> Any:
-        read = quantity(value) if isinstance(value, str) else None
+        if not isinstance(value, str):
+            return value if mark_of(value) is None else float(value)
+        read = quantity(value)
         return value if read is None else read.number(dimension, metres)
 
     return walked_table(table, nodes, number, whole=whole), reading

@@ -23,7 +23,7 @@ from specklegen.core.arguments import array_from_zero, positive_number, real_arr
 from specklegen.core.budgets import Budget, BudgetFields, budget_of, require_time
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject, warn_user
-from specklegen.core.labelled import Labelled, Labels, recorded
+from specklegen.core.labelled import ASKED, Labelled, Labels, recorded
 from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import seconds as seconds_of
 from specklegen.core.parallel import thread_count
@@ -117,7 +117,8 @@ class TemporalCorrelation(Pictured, Labelled):
     _single = ("static_share", "paths", "reverse", "channel", "azimuth", "components")
 
     @shielded()
-    def contrast(self, exposures: ArrayLike) -> ExposureContrast:
+    @with_units
+    def contrast(self, exposures: Annotated[ArrayLike, TIME]) -> ExposureContrast:
         """Squared contrast of the speckle over exposures, with errors, whatever ``lags`` and ``tilts`` were.
 
         K^2(T) = 2 int_0^1 (1 - u) |g1(uT)|^2 du (Bandyopadhyay et al., Rev. Sci. Instrum. 76, 093110 (2005)), from the
@@ -137,7 +138,10 @@ class TemporalCorrelation(Pictured, Labelled):
         if self.components > 1:
             reject("TemporalCorrelation.contrast channel", '"co" or "crossed" of polarised light', self.channel,
                    "Without an analyser K^2 is that of both, each times its squared share of the light.")  # fmt: skip
-        return self.classes.contrast("TemporalCorrelation.contrast", exposures)
+        result = self.classes.contrast("TemporalCorrelation.contrast", exposures)
+        asked = vars(self).get(ASKED, {})
+        vars(result)[ASKED] = {name: each for name, each in asked.items() if name not in ("lags", "tilts")}
+        return result
 
     def _arrays(self) -> Mapping[str, Labels]:
         along = ("lags",) if self.lags.ndim == 1 else tuple(f"axis_{n}" for n in range(self.lags.ndim))

@@ -132,6 +132,20 @@ def test_memory_effect_writes_table_and_figure(tmp_path):
     assert (tmp_path / "memory-effect.png").stat().st_size > 1000
 
 
+@pytest.mark.parametrize(("given", "unit"), [
+    (("--wavelength", "532nm", "--thickness", "0.5 mm"), "micrometre"), (("--thickness", "0.5 mm"), "micrometre"),
+    (("--wavelength", "0.532", "--thickness", "500"), "length of the scene"),
+    (("--wavelength", "532nm", "--material", "skin"), "micrometre"),
+])  # fmt: skip
+def test_the_unit_in_a_table_is_that_of_its_numbers(tmp_path, given, unit):
+    succeed("memory-effect", *given, "--paths", "500", "--points", "3", "--largest", "0.01", "--out", tmp_path)
+    notes = [line for line in (tmp_path / "memory-effect.csv").open() if line[0] == "#"]
+    said = dict(line.strip().partition(": ")[2].split(" = ", 1) for line in notes)
+    assert said["wavelength_unit"] == unit
+    assert 0.35 < float(said["wavelength"]) < 0.54
+    assert 100 <= json.loads(said["medium"])["thickness"] <= 1000
+
+
 def test_memory_effect_in_time(tmp_path):
     """A table of |g1|^2 in units of 1/(D k^2) or of a time, as temporal_correlation has it; bad lags are named."""
     few = ("--g", "0", "--paths", "5000", "--points", "5", "--out", tmp_path)

@@ -4,8 +4,10 @@ import csv
 import dataclasses
 import json
 
+import h5py
 import numpy as np
 import pytest
+import xarray
 from refusals import assert_refused
 
 import specklegen as sg
@@ -104,6 +106,27 @@ def test_tables_come_back_to_the_bit(result, tmp_path):
                 assert [*columns[column]] == [str(x) for x in wanted.tolist()]
 
 
+def whole(data, name):
+    """An array of a file that may hold its real and imaginary parts as two."""
+    return np.asarray(data[name]) if name in data else np.asarray(data[f"{name}.real"]) + 1j * data[f"{name}.imag"]
+
+
+def test_files_of_netcdf_and_hdf5_come_back_to_the_bit(result, tmp_path):
+    result.to_netcdf(tmp_path / "a.nc")
+    result.to_hdf5(tmp_path / "a.h5")
+    known = {name: int(x) if isinstance(x, bool) else x for name, x in result._numbers().items()}
+    with xarray.open_dataset(tmp_path / "a.nc") as net, h5py.File(tmp_path / "a.h5") as file:
+        for name, each in result._arrays().items():
+            held = file[name].asstr() if each.values.dtype.kind == "U" else file[name]
+            for found in (whole(net, name), np.asarray(held)):
+                np.testing.assert_array_equal(found, each.values)
+            assert file[name].attrs["units"] == each.unit
+            assert tuple(file[name].dims[n].label for n in range(len(each.axes))) == each.axes
+            assert net[name if name in net else f"{name}.real"].dims == each.axes
+        for attributes in ({name.removesuffix("_of_views"): each for name, each in net.attrs.items()}, file.attrs):
+            assert {name: attributes[name] for name in known} == pytest.approx(known, nan_ok=True)
+
+
 def test_a_stack_says_where_its_views_and_lights_are():
     stack = sg.render(scene(), paths=64, realizations=2)
     data = stack.to_xarray()
@@ -126,7 +149,8 @@ def test_a_stack_says_where_its_views_and_lights_are():
 
 def test_other_endings_and_endless_tables_are_refused(tmp_path, monkeypatch):
     curve = temporal()
-    for path, verb in ((tmp_path / "a.csv", "save"), (tmp_path / "a.npz", "to_csv"), (3, "save")):
+    for path, verb in ((tmp_path / "a.csv", "save"), (tmp_path / "a.npz", "to_csv"), (3, "save"),
+                       (tmp_path / "a.h5", "to_netcdf"), (tmp_path / "a.nc", "to_hdf5")):  # fmt: skip
         with pytest.raises(sg.RuleError, match=f"^{verb} path must be"):
             getattr(curve, verb)(path)
     monkeypatch.setattr(labelled, "MOST_ROWS", 1)
@@ -140,7 +164,7 @@ def test_results_say_what_they_were_computed_of(tmp_path):
     asked = {"wavelength": "500 nm", "tilts": ["0 deg", "1 mrad"], "paths": 100, "seed": 7}
     curve = sg.memory_effect(medium, mode="reflection", **asked)
     known = {"medium": medium.canonical_json(), "wavelength": 0.5, "wavelength_unit": "micrometre", "seed": 7,
-             "mode": "reflection", "paths": 100, "version": sg.__version__}  # fmt: skip
+             "mode": "reflection", "view": "axis", "paths": 100, "version": sg.__version__}  # fmt: skip
     assert known.items() <= curve.physics.items()
     assert known.items() <= curve.to_xarray().attrs.items()
     curve.to_csv(tmp_path / "a.csv")
@@ -150,6 +174,12 @@ def test_results_say_what_they_were_computed_of(tmp_path):
     curve.save(tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz") as file:
         assert known.items() <= json.loads(str(file["specklegen"]))["numbers"].items()
+    moving = medium.replace(motion=sg.Brownian(diffusion="1 um^2/s"))
+    blurred = sg.temporal_correlation(moving, lags=["1 ms"], **asked | {"seed": 2**40}).contrast(["2 ms", "0.01 s"])
+    assert np.array_equal(blurred.exposures, [2e-3, 1e-2])
+    blurred.to_netcdf(tmp_path / "b.nc")
+    with xarray.open_dataset(tmp_path / "b.nc") as file:
+        assert (file.attrs["seed"], file.attrs["wavelength_unit"]) == (str(2**40), "micrometre")
     stack = sg.render(scene(), paths=64, seed=3).physics
     assert (stack["seed"], stack["wavelength_unit"]) == (3, "length of the scene")
     assert sg.Scene(**{**{name: json.loads(stack[name]) for name in ("medium", "illumination", "sensor")},
