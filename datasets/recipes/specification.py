@@ -37,7 +37,7 @@ from specklegen.memory_effects.atlas import atlas_digest
 from specklegen.scene.illumination import Profile
 from specklegen.scene.sensors import FarFieldGrid
 
-DATA_VERSION = 7
+DATA_VERSION = 8
 """Raised by hand whenever pixels change; a golden test guards it."""
 
 PARAMETERS = ArraySpec(

@@ -9,7 +9,8 @@ the volume the depth of the first vertex is exponential, forced to lie inside:
     p_r(x) = S_r(ray) sigma_t(x) e^(-depth before x) / (1 - e^(-depth of the whole ray))
 
 with S the density of rays across the beam: 1 / projected area, the footprint's density over the obliquity, or
-1 / (solid angle r^(d-1)).
+1 / (solid angle r^(d-1)). First directions spread about the ray as the material at the vertex scatters: the lobe of
+another would leave the ratio of both in the weights, hundreds where one is narrow.
 """
 
 import math
@@ -43,11 +44,10 @@ _SLACK = 1.0 + 1e-12  # rounding of a cosine at the rim of a full sphere
 # Columns of a source.
 VECTOR = 0  # direction of travel, or the point
 SHARE, CUMULATIVE = 3, 4  # probability of the source, and the running sum
-LOBE = 5  # anisotropy of the first direction's lobe about the ray
-AXIS, APERTURE, SOLID_ANGLE = 6, 9, 10  # of a point: the cone of rays that may meet the volume; its aperture is
+AXIS, APERTURE, SOLID_ANGLE = 5, 8, 9  # of a point: the cone of rays that may meet the volume; its aperture is
 # 1 - cos of the half angle in space, and the half angle in turns in flatland
-EXTENT = 11  # of a beam: size of the sampled footprint on the entrance plane
-COLUMNS = 12
+EXTENT = 10  # of a beam: size of the sampled footprint on the entrance plane
+COLUMNS = 11
 
 # Uniforms of a start: the source, the depth, the first direction (2); across the ray (2 x 2); the face or the third
 # coordinate (2, and 2 unused); whether single scattering is kept, and the type of the first particle (and 2 unused).
@@ -62,10 +62,13 @@ class Sources(NamedTuple):
     kinds : int64[R, 2]
         UNIFORM, PLANE, BEAM or POINT; kind of footprint of a beam.
     rows : float64[R, COLUMNS]
+    lobes : float64[materials]
+        Anisotropy of first directions about the ray, of a vertex in each material.
     """
 
     kinds: np.ndarray
     rows: np.ndarray
+    lobes: np.ndarray
 
 
 @inlined
@@ -158,7 +161,7 @@ def _finely(words, word, n):
 
 @folded
 def sample_ray(bounds, cells, kinds, rows, r, words, n):
-    """Draw a ray of source r: origin, direction; for a source of no ray, a point of the volume and no direction."""
+    """Draw a ray of source r: origin, direction; for a source of no ray, a point of the volume and any direction."""
     u, v = _finely(words, ACROSS, n), _finely(words, ACROSS + 2, n)
     kind = kinds[r, 0]
     px, py, pz = rows[r, VECTOR], rows[r, VECTOR + 1], rows[r, VECTOR + 2]
@@ -169,9 +172,7 @@ def sample_ray(bounds, cells, kinds, rows, r, words, n):
             ax, az = rows[r, AXIS], rows[r, AXIS + 2]
             return px, py, pz, ax * cosine + az * sine, 0.0, az * cosine - ax * sine
         sine, cosine = sincos_turns(v)
-        dx, dy, dz = deflect(
-            rows[r, AXIS], rows[r, AXIS + 1], rows[r, AXIS + 2], rows[r, APERTURE] * u, cosine, sine
-        )
+        dx, dy, dz = deflect(rows[r, AXIS], rows[r, AXIS + 1], rows[r, AXIS + 2], rows[r, APERTURE] * u, cosine, sine)
         return px, py, pz, dx, dy, dz
     if kind == BEAM:
         x, y = _sample_face(kinds[r, 1], rows[r, EXTENT], cells[EXTRA, 0], u, v)
@@ -180,7 +181,7 @@ def sample_ray(bounds, cells, kinds, rows, r, words, n):
     sx, sy, sz = _size(bounds, cells, 0), _size(bounds, cells, 1), _size(bounds, cells, 2)
     if kind == UNIFORM:
         w = _finely(words, FACE, n)
-        return lx + u * sx, 0.0 if flat else ly + v * sy, lz + w * sz, 0.0, 0.0, 0.0
+        return lx + u * sx, 0.0 if flat else ly + v * sy, lz + w * sz, 0.0, 0.0, 1.0
     # A plane wave enters through up to three faces, each in proportion to its projection.
     face = words[LANES * FACE + n] * projected_area(bounds, cells, px, py, pz)
     x_face = abs(px) * sy * sz
@@ -197,36 +198,33 @@ def sample_ray(bounds, cells, kinds, rows, r, words, n):
 
 @folded
 def sample_start(bounds, cells, extinction, kinds, rows, words, n):
-    """Draw the first vertex and direction of path n of ``words``; (found, x, y, z, wx, wy, wz).
+    """Draw the first vertex of path n of ``words``; (found, whether along a ray, x, y, z, direction of its ray).
 
     Not found where the ray meets nothing.
     """
     a, b = words[LANES * SOURCE + n], words[LANES * DEPTH + n]
-    c, d = words[LANES * TURN + n], words[LANES * (TURN + 1) + n]
     r = 0
     while r < kinds.shape[0] - 1 and a >= rows[r, CUMULATIVE]:
         r += 1
     x, y, z, dx, dy, dz = sample_ray(bounds, cells, kinds, rows, r, words, n)
     if kinds[r, 0] == UNIFORM:
-        wx, wy, wz = sample_lobe(cells[EXTRA, 0], 0.0, 0.0, 0.0, 1.0, c, d)
-        return True, x, y, z, wx, wy, wz
-    wx, wy, wz = sample_lobe(cells[EXTRA, 0], rows[r, LOBE], dx, dy, dz, c, d)
+        return True, False, x, y, z, dx, dy, dz
     near, far = chord(bounds, x, y, z, dx, dy, dz)
     if near >= far:
-        return False, x, y, z, wx, wy, wz
+        return False, True, x, y, z, dx, dy, dz
     whole = optical_depth(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far)
     if whole == 0.0:
-        return False, x, y, z, wx, wy, wz
+        return False, True, x, y, z, dx, dy, dz
     _, t = march(bounds, cells, extinction, x, y, z, dx, dy, dz, near, far, -math.log1p(b * math.expm1(-whole)))
     if kinds[r, 0] == POINT and t <= _CLOSEST + _ROUNDING * max(abs(x), abs(y), abs(z)):
         # Within rounding of the point, or so near that squares underflow: next to nothing of its light, left out.
-        return False, x, y, z, wx, wy, wz
+        return False, True, x, y, z, dx, dy, dz
     x, y, z = x + t * dx, y + t * dy, z + t * dz
     # Rounding may put the vertex a bit outside.
     x = min(max(x, bounds[0, 0]), bounds[1, 0])
     z = min(max(z, bounds[0, 2]), bounds[1, 2])
     y = min(max(y, bounds[0, 1]), bounds[1, 1])
-    return True, x, y, z, wx, wy, wz
+    return True, True, x, y, z, dx, dy, dz
 
 
 @folded
@@ -278,11 +276,12 @@ def source_density(bounds, cells, extinction, sigma, kinds, rows, r, x, y, z):
 
 
 @folded
-def start_densities(bounds, cells, extinction, sigma, kinds, rows, x, y, z, wx, wy, wz):
+def start_densities(bounds, cells, extinction, here, kinds, rows, x, y, z, wx, wy, wz):
     """Densities of the mixture: (of the first vertex alone, of the first vertex and direction).
 
-    ``sigma``: extinction at the vertex.
+    ``here``: extinction at the vertex, and anisotropy of the lobe about its ray.
     """
+    sigma, lobe = here
     vertex = joint = 0.0
     for r in range(kinds.shape[0]):
         p, dx, dy, dz = source_density(bounds, cells, extinction, sigma, kinds, rows, r, x, y, z)
@@ -292,6 +291,6 @@ def start_densities(bounds, cells, extinction, sigma, kinds, rows, x, y, z, wx, 
             # 1 - cos from the difference of the unit vectors, precise for sharp lobes.
             one_minus_cos = 0.5 * (ex * ex + ey * ey + ez * ez)
             vertex += p
-            g = 0.0 if kinds[r, 0] == UNIFORM else rows[r, LOBE]
+            g = 0.0 if kinds[r, 0] == UNIFORM else lobe
             joint += p * lobe_density(cells[EXTRA, 0], g, one_minus_cos)
     return vertex, joint

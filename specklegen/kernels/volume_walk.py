@@ -75,7 +75,17 @@ from specklegen.kernels.phase_functions import amplitude, sample_henyey_greenste
 from specklegen.kernels.phase_table import choose_type, power, sample
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.slab_steps import Address, Leg, survivor_weight
-from specklegen.kernels.sources import KEPT, TYPE, WORDS, draw_starts, sample_start, start_densities, turn
+from specklegen.kernels.sources import (
+    KEPT,
+    TURN,
+    TYPE,
+    WORDS,
+    draw_starts,
+    sample_lobe,
+    sample_start,
+    start_densities,
+    turn,
+)
 from specklegen.kernels.volume import (
     EXTRA,
     corners,
@@ -280,7 +290,7 @@ def trace_volume(where, share, volume, table, by_lobe, lobe, sources, probes, ru
     bounds, cells, extinction, per_length = volume.bounds, volume.cells, volume.extinction, volume.per_length
     albedos, materials, majorants = volume.albedo, volume.material, volume.majorant
     mobility, flow = volume.mobility, volume.flow
-    source_kinds, source_rows = sources.kinds, sources.rows
+    source_kinds, source_rows, lobes = sources.kinds, sources.rows, sources.lobes
     g, rows, guide, places = lobe.g, lobe.rows, lobe.guide, lobe.places
     medium, judging = (bounds, cells, extinction), (g, rows, places)
     box, dimension = corners(bounds), cells[EXTRA, 0]
@@ -312,14 +322,21 @@ def trace_volume(where, share, volume, table, by_lobe, lobe, sources, probes, ru
             n = started % LANES
             p = first + started
             started += 1
-            begun, x, y, z, ox, oy, oz = sample_start(bounds, cells, extinction, source_kinds, source_rows, words, n)
+            begun, aimed, x, y, z, ox, oy, oz = sample_start(
+                bounds, cells, extinction, source_kinds, source_rows, words, n
+            )  # fmt: skip
             if not begun:
                 continue
             here = voxel(bounds, cells, per_length, x, y, z)
             if albedos[here] * extinction[here] == 0.0:
                 continue
+            # Of the first direction's lobe it matters where the vertex lies.
+            spread = lobes[materials[here]]
+            ox, oy, oz = sample_lobe(
+                dimension, spread if aimed else 0.0, ox, oy, oz, words[LANES * TURN + n], words[LANES * (TURN + 1) + n]
+            )
             vertex, joint = start_densities(
-                bounds, cells, extinction, extinction[here], source_kinds, source_rows, x, y, z, ox, oy, oz
+                bounds, cells, extinction, (extinction[here], spread), source_kinds, source_rows, x, y, z, ox, oy, oz
             )
             if vertex == 0.0:
                 continue  # so near its point that the square of the distance underflows: measure zero, left out
@@ -420,8 +437,9 @@ def trace_volume(where, share, volume, table, by_lobe, lobe, sources, probes, ru
             if kept > 0.0 and bidirectional:
                 sigma = extinction[here]
                 _, back = start_densities(
-                    bounds, cells, extinction, sigma, source_kinds, source_rows, x, y, z, -wx, -wy, -wz
-                )
+                    bounds, cells, extinction, (sigma, lobes[materials[here]]), source_kinds, source_rows, x, y, z,
+                    -wx, -wy, -wz,
+                )  # fmt: skip
                 kept = weight = 1.0 / (state[DENSITY + i] + back / (state[FIRST_ALBEDO + i] * sigma))
                 if threshold > 0.0:
                     kept = survivor_weight(weight, best * weight, threshold, u)

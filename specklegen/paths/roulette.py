@@ -23,9 +23,11 @@ import numpy as np
 from specklegen.core.parallel import slices
 from specklegen.core.random_streams import Seed, Stream
 from specklegen.kernels.volume import Volume
+from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions_of_pairs
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.volume_tracer import VolumeTracer
+from specklegen.scene.media import as_slab
 from specklegen.scene.scatterers.scatterer import Dimensions, Scatterer
 
 TIMES = 2.0  # that the added variance counts
@@ -137,9 +139,12 @@ def _slab_threshold(tracer: SlabTracer, light: np.ndarray, seed: Seed, paths: in
     layout = tracer.layout.at(light, tracer.proposal.probes)
     at_once = max(_LEAST_AT_ONCE, int(_EVENTS_AT_ONCE / tracer.events_per_path))
 
+    wide = as_slab(tracer.medium) is None
+
     def weighed(part: slice) -> tuple[np.ndarray, np.ndarray]:
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, stream=Stream.PILOT, threads=1)
-        return contributions_of_pairs(layout, bank)[0], bank.paths
+        found = contributions_of_pairs(layout, bank)[0]
+        return np.concatenate([found, found * _how_far(bank, tracer.medium.thickness)]) if wide else found, bank.paths
 
     count = min(paths, max(fitting, 16))
     parts = [weighed(part) for part in slices(count, at_once)]
@@ -148,6 +153,12 @@ def _slab_threshold(tracer: SlabTracer, light: np.ndarray, seed: Seed, paths: in
     if len(owners) == 0:
         return None
     return cheapest_threshold(found.max(axis=0), found, owners, count, _SLAB_EVENT)
+
+
+def _how_far(bank: PathBank, thickness: float) -> np.ndarray:
+    """Share float64[M] of connections' light in what decorrelates: the square of how far they go sideways, up to 1."""
+    aside = np.square(bank.exit[:, :2] - bank.entry[:, :2]).sum(axis=1)
+    return np.minimum(aside / thickness**2, 1.0)
 
 
 def volume_roulette(tracer: VolumeTracer, seed: Seed) -> VolumeTracer:

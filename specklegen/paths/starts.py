@@ -26,7 +26,6 @@ def scene_sources(scene: Scene) -> Sources:
     their 1/r^(d-1) is then part of the density, and no connection to them is ever too bright.
     """
     volume = volume_of(scene.volume, scene.dimension)
-    lobe = _mean_cosine(scene.volume, scene.dimension)
     rows = _light_rows(scene, volume)
     points = close_points(scene, volume)
     share = 0.5 if points and rows else 1.0
@@ -36,17 +35,19 @@ def scene_sources(scene: Scene) -> Sources:
         evenly = min(_EVENLY, 1 / max(scene.volume.optical_depth, 1.0)) if rows else 1.0
         rows = [(weight * (1 - evenly), row) for weight, row in rows]
         rows.append((evenly, {"kind": kernel.UNIFORM}))
-    return _laid_out(rows, lobe)
+    return _laid_out(rows, scene.volume, scene.dimension)
 
 
 def beam_sources(medium: Medium, reference: np.ndarray, footprint: int, extent: float) -> Sources:
     """Starts of one beam along a unit vector float64[3], which holds the footprints of all lights."""
     row = {"kind": kernel.BEAM, "vector": reference, "footprint": footprint, "extent": extent}
-    return _laid_out([(1.0, row)], _mean_cosine(medium, 3))
+    return _laid_out([(1.0, row)], medium, 3)
 
 
-def _laid_out(rows: list[tuple[float, dict]], lobe: float) -> Sources:
+def _laid_out(rows: list[tuple[float, dict]], medium: Medium, dimension: int) -> Sources:
     """Sources of (share, description) as the kernels read them."""
+    dimensions: Dimensions = 2 if dimension == 2 else 3
+    lobes = np.clip([each.mean_cosine(dimensions) for each in materials(medium)], -0.99, 0.99)
     kinds = np.zeros((len(rows), 2), np.int64)
     table = np.zeros((len(rows), kernel.COLUMNS))
     for out, kind, (weight, row) in zip(table, kinds, rows, strict=True):
@@ -54,18 +55,11 @@ def _laid_out(rows: list[tuple[float, dict]], lobe: float) -> Sources:
         out[kernel.VECTOR : kernel.VECTOR + 3] = row.get("vector", 0.0)
         out[kernel.AXIS : kernel.AXIS + 3] = row.get("axis", 0.0)
         out[kernel.SHARE] = weight
-        out[kernel.LOBE] = lobe
         out[kernel.APERTURE] = row.get("aperture", 0.0)
         out[kernel.SOLID_ANGLE] = row.get("solid_angle", 1.0)
         out[kernel.EXTENT] = row.get("extent", 1.0)
     table[:, kernel.CUMULATIVE] = np.cumsum(table[:, kernel.SHARE])
-    return Sources(kinds, table)
-
-
-def _mean_cosine(medium: Medium, dimension: int) -> float:
-    """Anisotropy of first directions' lobes: the least forward material's, whose tails cover the others'."""
-    dimensions: Dimensions = 2 if dimension == 2 else 3
-    return float(np.clip(min(s.mean_cosine(dimensions) for s in materials(medium)), -0.99, 0.99))
+    return Sources(kinds, table, lobes)
 
 
 def _light_rows(scene: Scene, volume: Volume) -> list[dict]:

@@ -31,7 +31,8 @@ RECORDED = {1: "ae9684f0b03428ea2f891e6cd8a2eb0abacaa862aacb298c111faa109fbcdcc3
             5: "7df0a7f04f36d08ddc2c66cb8e95a43909833f9085734a96cef3852021db1074",
             6: "4c879dc27b3f6f0890db0d5b456c152be641cb721aac4a0ded99c8365fbeea37",
             7: "cc71722424bff64007b1718b0c45350374b001f42159114f3c6af0b7f9234fbb",
-            8: "6acbddf43914ad11b33a76a1448724364b6c4d44092e1190e04b4ca86a92dafa"}  # fmt: skip
+            8: "6acbddf43914ad11b33a76a1448724364b6c4d44092e1190e04b4ca86a92dafa",
+            9: "b37acf34a0e8878b5dd1508ce96e177d81374c28b5d91c70e077250e1214f334"}  # fmt: skip
 """What each version stands for. Never change a line: raise VERSION, and add one."""
 
 

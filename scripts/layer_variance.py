@@ -1,0 +1,133 @@
+"""Variance of memory effects of layers of unlike phase functions, beside a literal walk's; the table of docs/physics.md.
+
+    python scripts/layer_variance.py [upper g,lower g ...]
+
+The walk is written from [Bar19] sec. 6 and docs/polarisation.md alone: photons of one weight, one after the other, that
+are connected to the view at every collision. Its polarised light is a real vector, whose part along each new direction
+is taken away; angles are drawn by rejection. Both give C_I along the axis at q = 1 over the thickness, with errors of
+a jackknife. Prints variance times paths of the walk, times how much ours is, and z of the difference. Variances are
+medians over seeds: behind lobes of g = 0.95 and more means of both rest on single connections.
+"""
+
+import math
+import sys
+from itertools import permutations, product
+
+import numpy as np
+from numba import njit
+from scipy.special import j0
+
+import specklegen as sg
+from specklegen.core.statistics import BATCHES, jackknife
+
+ANISOTROPIES = (-0.3, 0.0, 0.5, 0.8, 0.95, 0.98)
+DEPTHS = ((0.5, 0.5), (3.0, 4.0), (10.0, 1.0), (1.0, 10.0))
+THICKNESS = 1e5  # of each layer, in wavelengths: so many that lobes are wide beside tilts
+PATHS, SEEDS = BATCHES * 300, 9
+
+
+@njit(cache=True)
+def _walk(depths, g, back, polarised, each, seed):
+    """Batch, place beside the first vertex and weight of every connection; lengths in thicknesses of a layer."""
+    np.random.seed(seed)  # noqa: NPY002 (Numba's own generator)
+    batch, aside, along, weight = [0.0], [0.0], [0.0], [0.0]
+    for number in range(each * 64):
+        x = y = z = x1 = y1 = 0.0
+        wx, wy, wz = 0.0, 0.0, 1.0
+        ex, ey, ez = 1.0, 0.0, 0.0
+        first = True
+        layer = 0
+        while True:
+            left = -math.log(1.0 - np.random.random())  # noqa: NPY002
+            while layer >= 0 and layer <= 1:
+                way = (layer + (1.0 if wz > 0.0 else 0.0) - z) / wz if wz != 0.0 else math.inf
+                step = min(left / depths[layer], way)
+                x, y, z = x + wx * step, y + wy * step, z + wz * step
+                if step < way:
+                    break
+                left -= step * depths[layer]
+                layer += 1 if wz > 0.0 else -1
+            if layer < 0 or layer > 1:
+                break
+            if first:
+                x1, y1, first = x, y, False
+            h = g[layer]
+            depth = z * depths[0] if layer == 0 else depths[0] + (z - 1.0) * depths[1]
+            cos = -wz if back else wz
+            w = (1.0 - h * h) / (1.0 + h * h - 2.0 * h * cos) ** 1.5 / (4.0 * math.pi)
+            w *= math.exp(-depth if back else depth - depths[0] - depths[1])
+            if polarised:
+                w *= 2.0 / (1.0 + cos * cos) * ex * ex
+            batch.append(number // each)
+            aside.append(x - x1)
+            along.append(y - y1)
+            weight.append(w)
+            while True:
+                c = 2.0 * np.random.random() - 1.0  # noqa: NPY002
+                if h != 0.0:
+                    c = (1.0 + h * h - ((1.0 - h * h) / (1.0 + h * c)) ** 2) / (2.0 * h)
+                s, phi = math.sqrt(max(0.0, 1.0 - c * c)), 2.0 * math.pi * np.random.random()  # noqa: NPY002
+                if abs(wz) < 0.9:
+                    ux, uy, uz = wy, -wx, 0.0
+                else:
+                    ux, uy, uz = 0.0, wz, -wy
+                n = math.sqrt(ux * ux + uy * uy + uz * uz)
+                ux, uy, uz = ux / n, uy / n, uz / n
+                vx, vy, vz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
+                a, b = s * math.cos(phi), s * math.sin(phi)
+                nx, ny, nz = a * ux + b * vx + c * wx, a * uy + b * vy + c * wy, a * uz + b * vz + c * wz
+                out = ex * nx + ey * ny + ez * nz
+                if not polarised:
+                    break
+                if np.random.random() * (1.0 + c * c) < 1.0 - out * out:  # noqa: NPY002
+                    ex, ey, ez = ex - out * nx, ey - out * ny, ez - out * nz
+                    n = math.sqrt(ex * ex + ey * ey + ez * ez)
+                    ex, ey, ez = ex / n, ey / n, ez / n
+                    break
+            n = math.sqrt(nx * nx + ny * ny + nz * nz)
+            wx, wy, wz = nx / n, ny / n, nz / n
+    return np.array(batch), np.array(aside), np.array(along), np.array(weight)
+
+
+def literal(depths, g, mode: str, polarised: bool, seed: int) -> tuple[float, float]:
+    """C_I at q = 1 over the thickness, which has two layers, and its standard error."""
+    batch, x, y, w = _walk(np.array(depths), np.array(g), mode == "reflection", polarised, PATHS // BATCHES, seed)
+    kernel = np.cos(x / 2) if polarised else j0(np.hypot(x, y) / 2)  # the tilt lies along the field
+    sums = np.stack([np.bincount(batch.astype(int), each, BATCHES) for each in (w, w * kernel)], axis=1)
+    value, error = jackknife(sums, lambda total: (total[1:] / total[0]) ** 2)
+    return float(value[0]), float(error[0])
+
+
+def ours(depths, g, mode: str, polarised: bool, seed: int) -> tuple[float, float]:
+    """The same of the engine."""
+    layers = [
+        sg.Layer(thickness=THICKNESS, mean_free_path=THICKNESS / depth, scatterer=sg.HenyeyGreenstein(each))
+        for depth, each in zip(depths, g, strict=True)
+    ]
+    medium = sg.Layers(layers, polarisation="projector" if polarised else "scalar")
+    found = sg.memory_effect(medium, wavelength=1.0, tilts=[math.asin(1 / (4 * math.pi * THICKNESS))], paths=PATHS,
+                             mode=mode, channel="co" if polarised else "none", reverse=False, seed=seed,
+                             threads=1)  # fmt: skip
+    return float(found.intensity[0]), float(found.standard_error[0])
+
+
+def compared(depths, g, mode: str, polarised: bool) -> tuple[float, float, float]:
+    """Variance times paths of the walk, times how much ours is, both medians over seeds, and z of the difference."""
+    (walk, error), (found, own) = (
+        np.array([f(depths, g, mode, polarised, 1 + seed) for seed in range(SEEDS)]).T for f in (literal, ours)
+    )
+    spread = math.sqrt((walk.var(ddof=1) + found.var(ddof=1)) / SEEDS)
+    return PATHS * np.median(error) ** 2, (np.median(own) / np.median(error)) ** 2, (found - walk).mean() / spread
+
+
+def main() -> None:
+    """Print a row for each pair, split, side and kind of light."""
+    pairs = [tuple(map(float, each.split(","))) for each in sys.argv[1:]] or list(permutations(ANISOTROPIES, 2))
+    for g in pairs:
+        for depths, mode, polarised in product(DEPTHS, ("transmission", "reflection"), (False, True)):
+            found = "{:8.3g} {:6.2f} {:6.2f}".format(*compared(depths, g, mode, polarised))
+            print(*g, *depths, mode, "polarised" if polarised else "scalar", found, flush=True)
+
+
+if __name__ == "__main__":
+    main()
