@@ -1,4 +1,4 @@
-"""Variance of memory effects of layers of unlike phase functions, beside a literal walk's; the table of docs/physics.md.
+"""Variance of memory effects of layers of unlike phase functions, beside a literal walk's (docs/physics.md 2).
 
     python scripts/layer_variance.py [upper g,lower g ...]
 
