@@ -124,7 +124,7 @@ def test_narrow_lobes_over_wide_ones_cost_no_more_than_a_literal_walk():
 
 
 def test_paths_weighed_both_ways_have_the_density_of_either_end():
-    """W = sigma_1 / (p(x1, w1) + p(xB, -w) sigma_1 / sigma_B), first directions spread as the material at either end."""
+    """W = sigma_1 / (p(x1, w1) + p(xB, -w) sigma_1 / sigma_B), first directions spread as at either end."""
     length, g, depths = np.array([20.0, 10.0]), np.array([0.8, -0.3]), np.array([1.5, 4.0])
     layers = [
         sg.Layer(thickness=d * mean, mean_free_path=mean, scatterer=sg.HenyeyGreenstein(each))
