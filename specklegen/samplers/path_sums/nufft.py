@@ -39,6 +39,7 @@ TILTS_AT_ONCE = 2
 _RANKS_AT_ONCE = 4  # skeleton views that share a transform's plan, one after the other
 _SORT_FROM = 2**19  # bytes of a transform that no longer stays in the cache: finufft then sorts the points first
 _FACTOR_SHARE = 0.7  # of the tolerance for view factors; transforms are asked for the rest
+_LOWER_SHARES = (_FACTOR_SHARE / 2, _FACTOR_SHARE / 4, _FACTOR_SHARE / 8)  # for single scattering too
 _SINGLE_PRECISION_FROM = 1e-4  # complex64 carries tolerances down to here
 _KERNEL = 8  # finufft's number of its prolate kernel
 _FINE_GRID_BELOW = 1e-9  # tolerance of a transform up to which its grid is 2 times as fine, not 1.25 times
@@ -111,7 +112,8 @@ def build_nufft_plan(
     """Decompose a scene's view factors on a pilot bank; None where the tiles (by default, the grid) are too wide.
 
     Nor is there one where that of multiple scattering takes clearly more than ``most`` terms. Single scattering has a
-    view factor of its own, but where the rest's of rank one serves it: nothing is cheaper.
+    view factor of its own, unless the rest's of rank one serves it: nothing is cheaper. Where layers refract, or of
+    several types of particles, it cannot have one: the rest's takes more terms then, until it serves both.
     """
     tiling = tiling or Tiling(grid, grid.shape)
     multiple = multiple_factor(layout, bank.multiple, tiling, _FACTOR_SHARE * tolerance, most)
@@ -119,15 +121,25 @@ def build_nufft_plan(
     if multiple is None:
         return None
     joined = NufftPlan(tiling, multiple, None, share, tolerance)
-    if layout.ways is not None:  # connections differ in s(i . v) by their legs
-        error = error_of_single(layout, multiple, tiling, bank.single) if share else 0.0
-        return joined if error <= _FACTOR_SHARE * tolerance else None
-    # Of several types each has an s(i . v) of its own, which no common factor at the end holds.
-    alike = len(layout.table.kinds) == 1
-    if (multiple.rank == 1 or not alike) and _serves_single(layout, joined):
+    # Layers that refract: connections differ in s(i . v) by their legs. Types: each has an s(i . v) of its own.
+    if layout.ways is not None or len(layout.table.kinds) > 1:
+        return _joined(layout, bank, joined, most)
+    if multiple.rank == 1 and _serves_single(layout, joined):
         return joined
-    single = single_factor(layout, tiling, _FACTOR_SHARE * tolerance) if alike else None
+    single = single_factor(layout, tiling, _FACTOR_SHARE * tolerance)
     return None if single is None else replace(joined, single=single)
+
+
+def _joined(layout: Layout, bank: PathBank, plan: NufftPlan, most: int) -> NufftPlan | None:
+    """The plan with as many terms as it takes to serve single scattering too; None where these are too many."""
+    for share in _LOWER_SHARES:
+        if _serves_single(layout, plan, bank.single):
+            return plan
+        multiple = multiple_factor(layout, bank.multiple, plan.tiling, share * plan.tolerance, most)
+        if multiple is None:
+            return None
+        plan = replace(plan, multiple=multiple)
+    return plan if _serves_single(layout, plan, bank.single) else None
 
 
 def together(layout: Layout, summation: NufftPlan) -> NufftPlan | None:
@@ -141,11 +153,18 @@ def together(layout: Layout, summation: NufftPlan) -> NufftPlan | None:
     return replace(summation, single=None)
 
 
-def _serves_single(layout: Layout, summation: NufftPlan) -> bool:
-    """Whether the view factor of multiple scattering serves single scattering within the tolerance."""
+def _serves_single(layout: Layout, summation: NufftPlan, single: PathBank | None = None) -> bool:
+    """Whether the view factor of multiple scattering serves single scattering within the tolerance.
+
+    Behind layers that refract, the connections of ``single`` scattering are what it has to serve.
+    """
     if not layout.faces.matched:
         return False  # connections differ in s(i . v) by their reflections
-    error = error_of_single(layout, summation.multiple, summation.tiling)
+    if layout.ways is None:
+        single = None
+    elif not single:
+        return True
+    error = error_of_single(layout, summation.multiple, summation.tiling, single)
     return error <= _FACTOR_SHARE * summation.tolerance
 
 

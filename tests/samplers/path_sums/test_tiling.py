@@ -117,6 +117,24 @@ def test_a_wrong_phase_of_a_tile_is_caught(wrong, monkeypatch):
     assert relative(found, expected) > 5e-3
 
 
+@pytest.mark.parametrize(("tiles", "rank"), [((47, 47), 20), ((12, 12), 7)])
+def test_layers_of_unlike_particles_take_the_terms_that_single_scattering_needs(tiles, rank):
+    """The layers of the recipe refocus-stack: fewer terms serve multiple scattering alone."""
+    layers = [sg.Layer(thickness=20.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(g=0.8)),
+              sg.Layer(thickness=60.0, mean_free_path=15.0, scatterer=sg.HenyeyGreenstein(g=0.9))]  # fmt: skip
+    grid = sg.FarField.grid(shape=(94, 94), pitch=0.2 / 94)
+    beams = sg.CollimatedBeams.tilts([0.0], width=20.0)
+    scene = sg.Scene(wavelength=0.4, medium=sg.Layers(layers=layers), illumination=beams, sensor=grid)
+    pilot = scene_pilot(scene, False)
+    layout, bank = pilot.tracer.layout, pilot.bank.select(slice(0, 400))
+    plan = build_nufft_plan(layout, pilot.bank, grid, 1e-3, Tiling(grid, tiles))
+    assert plan.rank >= rank
+    phases = random_phases(bank, 3)
+    field = nufft_field(layout, bank, phases, plan)
+    expected = direct(bank, layout, phases, grid.directions.reshape(-1, 3)).reshape(field.shape)
+    assert relative(field, expected) < 1e-3
+
+
 def test_tiles_do_not_depend_on_threads():
     grid = wide(5.0, (37, 29))
     medium, beams = slab(g=0.9), sg.CollimatedBeams.tilts(TILTS, width=0.4 / grid.pitch)
