@@ -26,3 +26,11 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.timeout(12 * 3600))
+
+
+@pytest.fixture(autouse=True)
+def _plan_anew():
+    """Forget plans before every test: many tests replace what plans are made of."""
+    for name, function in (("specklegen.planning.planning", "_proposed"), ("specklegen.mean.rule", "mean_decision")):
+        if name in sys.modules:
+            getattr(sys.modules[name], function).cache_clear()

@@ -27,6 +27,7 @@ _WHOSE = {
 _CHEAP = 1e6  # quadrature nodes of a mean field that is only judged: a tenth of a second
 
 
+@remembered(64)
 def mean_decision(scene: Scene, mean: bool, tolerance: float, reverse: bool = False) -> Decision:
     """The mean field is added only when asked; say where its intensity would exceed the speckle's tolerance."""
     if mean:

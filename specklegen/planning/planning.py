@@ -27,7 +27,7 @@ from specklegen.paths.focused_light import focus_moments, narrow_lobes
 from specklegen.paths.lit_plane import LitPlane, lens_of, lit_plane
 from specklegen.paths.rare_paths import rare_paths_decision
 from specklegen.paths.reversal import scene_reversal
-from specklegen.planning.choosing import cheapest, served
+from specklegen.planning.choosing import Others, cheapest, served
 from specklegen.planning.exposure import with_sub_frames
 from specklegen.planning.plan import Plan
 from specklegen.samplers.covariance.sampler import Eigenfields
@@ -225,10 +225,7 @@ def _planned(scene: Scene, budget: Budget, options: Options) -> Plan:
         budget.paths, budget.rel_error, reversal.needed, tolerance, options.field_tolerance,
         "auto" if asked is None else asked.name, options.streamed, options.envelope, options.media,
     )  # fmt: skip
-    if asked is None and scene.thin is None:
-        chosen, of_sampler, others = cheapest(scene, request)
-    else:
-        (chosen, of_sampler), others = served(scene, request, THIN if asked is None else (asked,)), {}
+    chosen, of_sampler, others = _proposed(scene, request, asked)
     pilot = getattr(chosen, "pilot", None)  # a sampler without paths has none
     if pilot is not None and chosen.paths:
         require_reach(options.owner, pilot.missed_variance, chosen.paths)
@@ -253,6 +250,14 @@ def _planned(scene: Scene, budget: Budget, options: Options) -> Plan:
         realizations=options.media,
         setup_seconds=seconds(cost.once, threads),
     )
+
+
+@remembered(16)
+def _proposed(scene: Scene, request: Request, asked: type[Sampler] | None) -> tuple[Sampler, list[Decision], Others]:
+    """The sampler of a scene, what is said of those that were asked, and the operations of the others."""
+    if asked is None and scene.thin is None:
+        return cheapest(scene, request)
+    return *served(scene, request, THIN if asked is None else (asked,)), {}
 
 
 def _planned_focus(scene: Scene, budget: Budget, options: Options) -> Plan:
