@@ -27,11 +27,11 @@ from pathlib import Path
 import numpy as np
 import torch
 from error_time.machine import circumstances
+from references.naive_numba import naive_field
 
 import specklegen as sg
 from specklegen.core.memory import resident_memory
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, axial_tracer, estimate_correlation
-from specklegen.oracles.naive_numba import naive_field
 from specklegen.paths.phases import random_phases
 from specklegen.paths.tracer import volume_tracer
 from specklegen.samplers.path_sums.direct import direct_field

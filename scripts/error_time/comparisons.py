@@ -9,13 +9,13 @@ from collections.abc import Callable
 
 import numpy as np
 from references.electric_field import electric_field
+from references.naive_numba import naive_field
 from scipy.fft import next_fast_len
 
 import specklegen as sg
 from specklegen.core.statistics import BATCHES
 from specklegen.error_time import Estimate, Probes, Sampler
 from specklegen.oracles import box_algorithms
-from specklegen.oracles.naive_numba import naive_field
 from specklegen.oracles.screen_waves import ScreenWaves
 from specklegen.oracles.wave_ensemble import CylinderGas, ensemble
 from specklegen.oracles.wave_solver import PlaneLights

@@ -1,8 +1,11 @@
 """The command line that the scripts of figures share."""
 
 import argparse
+import sys
 from collections.abc import Callable
 from pathlib import Path
+
+sys.path.append(str(Path(__file__).parents[2] / "tests"))  # right values: tests/references
 
 
 def run(main: Callable[[Path, bool], None], out: Path, description: str | None) -> None:

@@ -21,11 +21,11 @@ import numpy as np
 from _command import run
 from _coverage_scenes import PLACES
 from _saving import save
+from references.strip_solver import strip_solver
 from scipy.stats import norm
 
 from specklegen.core.errors import DoubtWarning
 from specklegen.oracles.slit_screen import slit_screen
-from specklegen.oracles.strip_solver import strip_solver
 from specklegen.wavetracing import (
     Absorber,
     CollimatedEmitter,

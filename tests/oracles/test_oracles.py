@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from references.electric_field import electric_field
 from references.naive_covariance import naive_covariance
+from references.naive_numba import naive_field
 from volume_batches import oracle_parts
 from zscore import assert_z
 
 import specklegen as sg
 from specklegen.oracles import box_algorithms
-from specklegen.oracles.naive_numba import naive_field
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.tracer import slab_tracer
 from specklegen.scene.illumination import directions_of_sines

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from references.strip_solver import strip_solver
 
 from specklegen.oracles.slit_screen import slit_screen
-from specklegen.oracles.strip_solver import strip_solver
 
 SCREEN = [((-30, 0), (-9.5, 0)), ((-4.5, 0), (4.5, 0)), ((9.5, 0), (30, 0))]
 REFLECTOR = ((16, 40), (22, 80))

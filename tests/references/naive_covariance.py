@@ -7,8 +7,7 @@ The walk and the ends of ``naive_numba``, every connection kept, with the phases
 
 import numpy as np
 from numba import njit
-
-from specklegen.oracles.naive_numba import (
+from references.naive_numba import (
     _amplitude,
     _deflect,
     _dot,
@@ -19,6 +18,7 @@ from specklegen.oracles.naive_numba import (
     _sensor_end,
     laid_out,
 )
+
 from specklegen.scene.media import Slab
 
 
@@ -30,7 +30,7 @@ def naive_covariance(
     Parameters
     ----------
     medium, wavelength, width, paths, seed
-        As in :func:`specklegen.oracles.naive_numba.naive_field`.
+        As in :func:`references.naive_numba.naive_field`.
     lights, views
         float64[n, 3] each, unit vectors of travel; lights with z > 0.
     """
