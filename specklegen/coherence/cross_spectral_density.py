@@ -16,7 +16,7 @@ lengths are in any one unit. See docs/coherence.md.
 
 import math
 import warnings
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from scipy.special import ndtri
@@ -24,12 +24,17 @@ from scipy.special import ndtri
 from specklegen.core.arguments import choice, finite_numbers, real_array, real_number, whole_number
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
+from specklegen.core.quantities import with_units
+from specklegen.core.units import LENGTH
 
 _ROUNDING = 1e-10  # of the trace: what an estimated or rounded W may have of negative eigenvalues
 _COPULA_TOLERANCE = 0.02  # |mu| of the copula against W0; 0.0023 at phase_turns=1 for a Gaussian Schell model
 
 
-def gaussian_schell_model(x: np.ndarray, coherence_length: float, amplitude: np.ndarray | None = None) -> np.ndarray:
+@with_units
+def gaussian_schell_model(
+    x: Annotated[np.ndarray, LENGTH], coherence_length: Annotated[float, LENGTH], amplitude: np.ndarray | None = None,
+) -> np.ndarray:  # fmt: skip
     """Return the cross-spectral density of a Gaussian Schell-model line source.
 
     W0[1, 2] = A1 A2* exp{-(x1 - x2)^2 / (2 coherence_length^2)}.

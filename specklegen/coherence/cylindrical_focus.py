@@ -23,7 +23,7 @@ All lengths are in the unit of the wavelength. See docs/coherence.md.
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -33,6 +33,8 @@ from specklegen.core.arguments import choice, finite_numbers, flag, real_number,
 from specklegen.core.display.plot import Pictured, draw_map
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks
+from specklegen.core.quantities import with_units
+from specklegen.core.units import INVERSE_LENGTH, LENGTH, WAVELENGTH
 from specklegen.core.values import Array, Positive, PositiveInt, Value
 from specklegen.kernels import rays
 
@@ -57,7 +59,7 @@ class TransverseDetector(Value):
     array([-2., -1.,  0.,  1.,  2.])
     """
 
-    half_width: Positive
+    half_width: Annotated[Positive, LENGTH]
     n_pixels: PositiveInt
 
     @property
@@ -99,8 +101,8 @@ class AxialDetector(Value):
     array([ 0.,  5., 10.])
     """
 
-    z: Array
-    pixel_width: Positive
+    z: Annotated[Array, LENGTH]
+    pixel_width: Annotated[Positive, LENGTH]
 
     @model_validator(mode="after")
     def _line(self):
@@ -175,9 +177,9 @@ class CylindricalFocus(Value):
     (11, 51)
     """
 
-    half_aperture: Positive
-    focal_length: Positive
-    wavelength: Positive
+    half_aperture: Annotated[Positive, LENGTH]
+    focal_length: Annotated[Positive, LENGTH]
+    wavelength: Annotated[Positive, WAVELENGTH]
     n_source: PositiveInt
     detector: TransverseDetector | AxialDetector
 
@@ -341,7 +343,8 @@ def _mean_and_error(total: np.ndarray, square: np.ndarray, count) -> tuple[np.nd
     return mean, np.where((count > 1) & (square > 0), np.sqrt(variance), np.inf)
 
 
-def flux_weighted_csd(G: np.ndarray, dG: np.ndarray, W0: np.ndarray, k: float) -> np.ndarray:
+@with_units
+def flux_weighted_csd(G: np.ndarray, dG: np.ndarray, W0: np.ndarray, k: Annotated[float, INVERSE_LENGTH]) -> np.ndarray:
     """Return the cross-spectral density as a detector of flux sees it (the measurement function).
 
     W_M = [D W0 G^H - G W0 D^H] / (2ik), D = dG/dZ: on its diagonal the flux through the pixel. Off

@@ -39,7 +39,7 @@ from specklegen.core.memory import require_memory
 from specklegen.core.quantities import with_units
 from specklegen.core.random_streams import Stream, pilot_seed
 from specklegen.core.shielded import shielded
-from specklegen.core.units import LENGTH, WAVELENGTH
+from specklegen.core.units import LENGTH, SINE, WAVELENGTH
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.tracer import slab_tracer
@@ -58,9 +58,11 @@ COHERENT = 100.0
 _FINEST = 800.0  # coherence lengths a width may hold
 
 
+@with_units
 def source_lattice(
-    wavelength: float, width: float, profile: Profile, shortest: float, longest: float
-) -> tuple[int, float]:
+    wavelength: Annotated[float, WAVELENGTH], width: Annotated[float, LENGTH], profile: Profile,
+    shortest: Annotated[float, LENGTH], longest: Annotated[float, LENGTH],
+) -> tuple[int, float]:  # fmt: skip
     """Return a square lattice of sines that serves all coherence lengths of a range.
 
     Parameters
@@ -107,7 +109,11 @@ def source_lattice(
     return 1 + 2 * math.ceil(REACH * spread / pitch), pitch
 
 
-def gaussian_brightness(count: int, pitch: float, wavelength: float, coherence_length: float) -> np.ndarray:
+@with_units
+def gaussian_brightness(
+    count: int, pitch: Annotated[float, SINE], wavelength: Annotated[float, WAVELENGTH],
+    coherence_length: Annotated[float, LENGTH],
+) -> np.ndarray:  # fmt: skip
     """Return the angular spectrum of a Gaussian Schell-model source: float64[count, count], of sum 1.
 
     Parameters
@@ -179,9 +185,11 @@ def gaussian_schell_object(
     return IncoherentObject(brightness=brightness, pitch=pitch, width=width, profile=profile)
 
 
+@with_units
 def effective_source_modes(
-    brightness: np.ndarray, pitch: float, wavelength: float, width: float, profile: Profile = "square"
-) -> float:
+    brightness: np.ndarray, pitch: Annotated[float, SINE], wavelength: Annotated[float, WAVELENGTH],
+    width: Annotated[float, LENGTH], profile: Profile = "square",
+) -> float:  # fmt: skip
     """Return N_eff = (tr W0)^2 / tr W0^2 of a lattice of mutually incoherent beams through one window.
 
     The intensity contrast of the speckle that it makes is N_eff^(-1/2), behind any slab that scatters into
@@ -297,9 +305,11 @@ def render_partially_coherent(
     return SpeckleStack(None, np.tensordot(power, powers, (tilt_axis + 1, 0)), stack.report, scene)
 
 
+@with_units
 def finite_path_excess(
-    scene: Scene, paths: int, *, shift: float = 0.0, samples: int = 50_000, threads: int | None = None
-) -> float:
+    scene: Scene, paths: int, *, shift: Annotated[float, LENGTH] = 0.0, samples: int = 50_000,
+    threads: int | None = None,
+) -> float:  # fmt: skip
     """Return what a finite number of paths adds to contrast^2, or to the covariance over the squared mean.
 
     {(E[w^2] - E[w]^2) + (E|sum_B w_B e^{-ik d x_B}|^2 - E[sum_B w_B^2])} / (N E[w]^2), w = sum_B w_B the full

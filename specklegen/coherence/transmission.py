@@ -11,7 +11,7 @@ them (`source_modes`). A partially coherent image is
     I = sum_k lambda_k |T phi_k|^2 = intensity_from_modes(T.value, modes, eigenvalues).
 """
 
-from typing import Unpack
+from typing import Annotated, Unpack
 
 import numpy as np
 
@@ -20,7 +20,9 @@ from specklegen.coherence.cylindrical_focus import GreensMatrix
 from specklegen.core.arguments import finite_numbers, instance, positive_number, whole_number
 from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
 from specklegen.core.shielded import shielded
+from specklegen.core.units import LENGTH, WAVELENGTH
 from specklegen.planning.planning import Options
 from specklegen.rendering import rendered
 from specklegen.samplers.sampler import AnySampler
@@ -91,8 +93,9 @@ def transmission_matrix(
     return GreensMatrix(value, 0.5 * stack.report.expected_error * np.abs(value))
 
 
+@with_units
 def source_modes(
-    source: IncoherentObject, wavelength: float, n_modes: int | None = None, energy: float = 0.99
+    source: IncoherentObject, wavelength: Annotated[float, WAVELENGTH], n_modes: int | None = None, energy: float = 0.99
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the coherent modes of a source of mutually incoherent beams, as amplitudes over its beams.
 
@@ -137,7 +140,10 @@ def source_modes(
     return eigenvalues[kept], np.sqrt(power)[:, None] * vectors[:, kept] / np.sqrt(eigenvalues[kept])
 
 
-def face_beams(wavelength: float, width: float, count: int) -> CollimatedBeams:
+@with_units
+def face_beams(
+    wavelength: Annotated[float, WAVELENGTH], width: Annotated[float, LENGTH], count: int,
+) -> CollimatedBeams:  # fmt: skip
     """Return the beams of a Fourier series on a square window: count^2 sines, whole multiples of wavelength / width.
 
     Parameters

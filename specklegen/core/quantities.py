@@ -29,6 +29,7 @@ from specklegen.core.units import NEAR_LIGHT, UNIT, Dimension, quantity
 
 P = ParamSpec("P")
 R = TypeVar("R")
+T = TypeVar("T")
 Place = tuple[str | int, ...]
 
 MARK = "_mark"
@@ -438,6 +439,8 @@ def with_units(function: Callable[P, R]) -> Callable[P, R]:
     beside a value with a physical scale must be one of light.
     """
     signature = inspect.signature(function)
+    makes = function.__qualname__.endswith(("__init__", "__new__"))
+    owner = f"{function.__qualname__.rpartition('.')[0]}." if makes else f"{function.__qualname__} "
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -445,22 +448,40 @@ def with_units(function: Callable[P, R]) -> Callable[P, R]:
         scales = scales_in(everything)
         if not scales and not any(map(holds_text, everything)):
             return function(*args, **kwargs)
+        texts = any(isinstance(each, str | Sequence | Mapping) and holds_text(each) for each in everything)
+        if not texts and is_trusted(args[0] if makes else None):  # what this package computed
+            return function(*args, **kwargs)
         try:
             bound = signature.bind(*args, **kwargs)
         except TypeError:
             return function(*args, **kwargs)  # which says it in its own words
+        if texts:
+            bound.apply_defaults()  # a wavelength of 1 by default is no length in micrometres
         given = bound.arguments
         nodes = {name: Node(members=(type(each),)) for name, each in given.items()} | dict(_nodes_of(function))
-        numbers, reading = plain_numbers(f"{function.__qualname__} ", given, nodes)
+        numbers, reading = plain_numbers(owner, given, nodes, made=args[0] if makes else None)
         if scales and not reading.mark.lengths:
-            require_light(f"{function.__qualname__} ", numbers, nodes, scales)
+            require_light(owner, numbers, nodes, scales)
         given.update(numbers)
         result = function(*bound.args, **bound.kwargs)
+        made = args[0] if function.__name__ == "__init__" else result
         # A value that was made of what has units has them too: beams, of the width that was written.
-        return marked(result, reading.mark) if isinstance(result, BaseModel) and not mark_of(result) else result
+        if (isinstance(made, BaseModel) or made is not result) and not mark_of(made):
+            marked(made, reading.mark)
+        return result
 
     call.__dict__["__signature__"] = _without_dimensions(signature)
     return call
+
+
+def takes_units(kind: type[T]) -> type[T]:
+    """Let the constructor of a dataclass take texts with units, as :func:`with_units` does; or of a named tuple."""
+    maker: Any = kind
+    if issubclass(kind, tuple):  # it has no place for a mark
+        maker.__new__ = staticmethod(with_units(maker.__new__))
+    else:
+        maker.__init__, maker.has_quantities = with_units(maker.__init__), True
+    return kind
 
 
 def _without_dimensions(signature: inspect.Signature) -> inspect.Signature:

@@ -96,6 +96,8 @@ NUMBER = Dimension()
 """A number without a unit, such as a component of a unit vector."""
 MICROMETRES = Dimension(1, light=True, metres=1e-6)
 """A wavelength in vacuum that is in micrometres where it has no unit."""
+MILLIMETRES = Dimension(1, metres=1e-3)
+"""A length of an apparatus, which is in millimetres where it has no unit."""
 UNIT = Dimension(1, metres=1.0)
 """Metres in the unit of length of the table that holds it."""
 
@@ -127,7 +129,8 @@ _UNITS: dict[str, tuple[float, int, int, int]] = (
     | {name: (1e-6, 1, 0, 0) for name in ("micrometre", "micrometres")}
     | {name: (seconds, 0, 1, 0) for name, seconds in SECONDS.items()}
     | {name: (radians, 0, 0, 1) for name, radians in RADIANS.items()}
-    | {"Hz": (1.0, 0, -1, 0), "kHz": (1e3, 0, -1, 0), "1": (1.0, 0, 0, 0)}
+    | {name: (hertz, 0, -1, 0) for name, hertz in (("Hz", 1.0), ("kHz", 1e3), ("MHz", 1e6), ("GHz", 1e9))}
+    | {"1": (1.0, 0, 0, 0)}
 )
 
 

@@ -1,16 +1,20 @@
 """A uniform slab in closed form: Fresnel's coefficients and Airy's sum over the two faces."""
 
 import math
+from typing import Annotated
 
 import numpy as np
 
 from specklegen.core.arguments import finite_numbers, real_array, real_number
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
+from specklegen.core.units import INVERSE_LENGTH, LENGTH
 
 
+@with_units
 def slab_fresnel(
-    n_slab: float, n_background: float, thickness: float, wavenumber: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    n_slab: float, n_background: float, thickness: Annotated[float, LENGTH], wavenumber: Annotated[np.ndarray
+, INVERSE_LENGTH]) -> tuple[np.ndarray, np.ndarray]:
     """Reflection and transmission of a uniform slab at normal incidence.
 
     Time goes as exp(+i omega t), as in the rest of this package: a wave to the right is exp(-i k x).

@@ -15,12 +15,14 @@ frequency 0; here it is the root mean square frequency of the pulse, which leave
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
+from specklegen.core.units import LENGTH, WAVELENGTH
 from specklegen.core.values import Positive, Value
 from specklegen.fdtd.layers import RandomLayer
 
@@ -50,8 +52,8 @@ class Pulse(Value):
     4.0
     """
 
-    wavelength: Positive = 0.6
-    duration: Positive = 1.69
+    wavelength: Annotated[Positive, WAVELENGTH] = 0.6
+    duration: Annotated[Positive, LENGTH] = 1.69
     delay: Positive = 4.0
     modulated: bool = True
 

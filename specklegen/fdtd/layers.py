@@ -22,6 +22,7 @@ from pydantic import Field, model_validator
 from specklegen.core.arguments import finite_numbers
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
+from specklegen.core.units import LENGTH
 from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
 from specklegen.kernels.fdtd import correlated_normals
 
@@ -83,9 +84,9 @@ class RandomLayer(Value):
 
     n_background: Positive = 1.45
     n_points: PositiveInt = 1500
-    dx: Positive = 0.002
+    dx: Annotated[Positive, LENGTH] = 0.002
     rms_index: NonNegative = 0.03
-    correlation_length: Annotated[float, Field(ge=0)]
+    correlation_length: Annotated[Annotated[float, Field(ge=0)], LENGTH]
     correlation: Literal["exponential"] = "exponential"
 
     @model_validator(mode="after")

@@ -30,12 +30,14 @@ is equivalent: a layer that varies along one axis scatters into two directions, 
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from specklegen.core.arguments import real_number
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
+from specklegen.core.units import WAVELENGTH
 from specklegen.fdtd.currents import in_phase, out_of_phase
 from specklegen.fdtd.layers import Moments, RandomLayer
 from specklegen.fdtd.transfer_matrix import transfer_matrix
@@ -121,9 +123,10 @@ class EquivalentSlab:
         return self.scattering_coefficient * self.thickness
 
 
+@with_units
 def coherent_transmission(
-    layer: RandomLayer, wavelength: float, method: Literal["cumulant", "transfer_matrix"] = "cumulant", *,
-    n_realizations: int = 4000, seed: int = 0,
+    layer: RandomLayer, wavelength: Annotated[float, WAVELENGTH],
+    method: Literal["cumulant", "transfer_matrix"] = "cumulant", *, n_realizations: int = 4000, seed: int = 0,
 ) -> CoherentTransmission:  # fmt: skip
     """Mean transmission of a plane wave of vacuum ``wavelength`` through the layer.
 
@@ -166,7 +169,8 @@ def coherent_transmission(
     return CoherentTransmission(complex(draws.mean()), error)
 
 
-def equivalent_slab(layer: RandomLayer, wavelength: float) -> EquivalentSlab:
+@with_units
+def equivalent_slab(layer: RandomLayer, wavelength: Annotated[float, WAVELENGTH]) -> EquivalentSlab:
     """Find the bulk medium that has the coherent transmission of ``layer``, and say whether there is one.
 
     Parameters

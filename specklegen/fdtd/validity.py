@@ -17,11 +17,14 @@ First order alone is judged by what it leaves out: the second order, of the same
 """
 
 import warnings
+from typing import Annotated
 
 import numpy as np
 
 from specklegen.core.arguments import real_number
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
+from specklegen.core.units import INVERSE_LENGTH
 from specklegen.fdtd.currents import mean_polarisation, radiated
 from specklegen.fdtd.incidence import Incidence
 from specklegen.fdtd.layers import RandomLayer
@@ -31,7 +34,8 @@ FORWARD_TOLERANCE = 0.01  # V < 0.04
 BACK_TOLERANCE = 0.1  # V < 0.033: the mean back field is small, and brute force seldom knows it better
 
 
-def phase_variance(layer: RandomLayer, wavenumber: float) -> float:
+@with_units
+def phase_variance(layer: RandomLayer, wavenumber: Annotated[float, INVERSE_LENGTH]) -> float:
     """Variance V (radians squared) of the phase through the layer, at a vacuum wave number k0.
 
     Parameters

@@ -12,11 +12,11 @@ import numpy as np
 
 from specklegen.core.arguments import positive_number, whole_number
 from specklegen.core.errors import reject
-from specklegen.core.quantities import with_units
+from specklegen.core.quantities import Like, with_units
 from specklegen.core.random_streams import Seed, Stream, pilot_seed, stream_key
 from specklegen.core.units import LENGTH, MICROMETRES, UNIT
 from specklegen.materials.preset import BulkMaterial
-from specklegen.materials.registry import about, get, known_wavelength, require_measured
+from specklegen.materials.registry import NUMBERS, about, get, known_wavelength, require_measured
 from specklegen.scene.media import Slab
 
 _SIGMA = (15.865, 84.135)
@@ -72,7 +72,7 @@ def memory_range(
     name: str, wavelength: Annotated[float, MICROMETRES], thickness: Annotated[float, LENGTH], *,
     outside: Sequence[float | None] = (1.0, 1.33),
     unit: Annotated[float, UNIT] = 1e-6, draws: int = 32, paths: int = 10_000, seed: Seed = 0,
-    lobe: str | None = None, **numbers: float,
+    lobe: str | None = None, **numbers: Annotated[float, Like(NUMBERS)],
 ) -> MemoryRange:  # fmt: skip
     """Memory range of a layer of a named material, along the axis in transmission, with its interval.
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from specklegen.core.quantities import with_units
-from specklegen.core.units import LENGTH, WAVELENGTH
+from specklegen.core.units import LENGTH, MICROMETRES, NUMBER, WAVELENGTH, Dimension, quantity
 from specklegen.core.values import Positive, UnitInterval, Value
 from specklegen.scene.faces import Faces
 from specklegen.scene.layers import Layer
@@ -58,7 +58,14 @@ class Number:
     band: tuple[float, float] = (0.0, math.inf)
     computed_from: tuple[str, ...] = ()
 
-    def holds(self, wavelength: float) -> bool:
+    @property
+    def dimension(self) -> Dimension:
+        """Its dimension, in its unit."""
+        read = quantity("1 " + self.unit.replace("micrometres", "um").replace("micrometre", "um"))
+        return NUMBER if read is None else Dimension(read.length, metres=read.value ** (1 / read.length))
+
+    @with_units
+    def holds(self, wavelength: Annotated[float, MICROMETRES]) -> bool:
         """Whether it is known at a vacuum wavelength, micrometres."""
         return self.band[0] <= wavelength <= self.band[1]
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from specklegen.core.arguments import choice, positive_number, real_number
 from specklegen.core.errors import reject, warn_user
-from specklegen.core.quantities import Mark, marked, with_units
+from specklegen.core.quantities import Like, Mark, Node, marked, with_units
 from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.core.units import MICROMETRES, UNIT
 from specklegen.materials.fog import FOG
@@ -30,6 +30,10 @@ PRESETS: dict[str, Preset] = {
 }  # fmt: skip
 
 
+NUMBERS = {name: Node(number.dimension) for preset in PRESETS.values() for name, number in preset.numbers.items()}
+"""Dimensions of the numbers of all presets; where two have a number of one name, its unit is the same."""
+
+
 def names() -> list[str]:
     """Names of all presets."""
     return sorted(PRESETS)
@@ -49,7 +53,7 @@ def about(name: str) -> Preset:
 @with_units
 def get(
     name: str, wavelength: Annotated[float, MICROMETRES], *, unit: Annotated[float, UNIT] = 1e-6,
-    lobe: str | None = None, **numbers: float,
+    lobe: str | None = None, **numbers: Annotated[float, Like(NUMBERS)],
 ) -> BulkMaterial | GroundGlass:  # fmt: skip
     """A material by its name.
 
@@ -144,7 +148,7 @@ def require_measured(name: str, wavelength: float, given: Iterable[str]) -> None
 @with_units
 def draw(
     name: str, wavelength: Annotated[float, MICROMETRES], *, seed: Seed, unit: Annotated[float, UNIT] = 1e-6,
-    lobe: str | None = None, **numbers: float,
+    lobe: str | None = None, **numbers: Annotated[float, Like(NUMBERS)],
 ) -> BulkMaterial | GroundGlass:  # fmt: skip
     """A material by its name, what is not given drawn evenly from the ranges of the literature.
 

@@ -16,7 +16,7 @@ A = 1 - R - T, exactly. Definitions and figures: van de Hulst, *Multiple Light S
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Unpack
+from typing import Annotated, Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +25,9 @@ from specklegen.core.arguments import real_array, real_number
 from specklegen.core.budgets import DEFAULT_PATHS, Budget, BudgetFields, budget_of
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
+from specklegen.core.units import RADIAN
 from specklegen.kernels.analog_walk import ENTRANCE, FAR, SIDE
 from specklegen.paths.analog_walk import Exits, require_walkable, walk
 from specklegen.paths.faces import reflectance
@@ -106,9 +108,10 @@ class ReflectanceTransmittance(Pictured):
         axes.set_ylim(bottom=0)
 
 
+@with_units
 def reflectance_transmittance(
-    medium: Medium, *, budget: Budget | None = None, angle: float = 0.0, angles: ArrayLike | None = None,
-    **fields: Unpack[BudgetFields],
+    medium: Medium, *, budget: Budget | None = None, angle: Annotated[float, RADIAN] = 0.0,
+    angles: Annotated[ArrayLike, RADIAN] | None = None, **fields: Unpack[BudgetFields],
 ) -> ReflectanceTransmittance:  # fmt: skip
     """Walk light through a medium: how much of it is reflected, transmitted and absorbed, and in which directions.
 

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from specklegen.core.arguments import choice, finite_numbers, positive_number, real_number
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject
-from specklegen.core.quantities import nodes_of, plain_numbers
-from specklegen.core.units import RADIAN, TIME
+from specklegen.core.quantities import takes_units
+from specklegen.core.units import INVERSE_LENGTH, RADIAN, TIME
 from specklegen.measured.curve import read_curve
 
 SURE = 4.0
@@ -77,9 +77,7 @@ class _Curve(Observation):
     def _check(self) -> None:
         """Bring fields to arrays, and refuse what no measurement gives; the line of a file is named."""
         owner = type(self).__name__
-        written = {self._where: getattr(self, self._where)}
-        numbers, _ = plain_numbers(f"{owner} ", written, nodes_of(type(self)))
-        at = finite_numbers(f"{owner} {self._where}", numbers[self._where])
+        at = finite_numbers(f"{owner} {self._where}", getattr(self, self._where))
         given = getattr(self, self._what)
         planned = given is None
         values = np.full(at.shape, self._range[1]) if planned else finite_numbers(f"{owner} {self._what}", given)
@@ -142,6 +140,7 @@ class _Curve(Observation):
         return cls(**given | {"file": str(path), "lines": curve.lines})
 
 
+@takes_units
 @dataclass(frozen=True, eq=False, repr=False)
 class MemoryCurve(_Curve):
     """Correlation of the speckle under tilts, C_I = |K|^2, in transmission along the axis.
@@ -186,6 +185,7 @@ class MemoryCurve(_Curve):
         return "Divide by its value at zero tilt, less the square of the mean; correct for noise and contrast."
 
 
+@takes_units
 @dataclass(frozen=True, eq=False, repr=False)
 class TemporalCurve(_Curve):
     """Correlation of the intensity with itself a lag later, g2 = 1 + beta |g1|^2, of Brownian scatterers.
@@ -228,6 +228,7 @@ class TemporalCurve(_Curve):
         return "g2 is the mean of I(t) I(t + lag) over the squared mean; of g2 - 1 add the 1."
 
 
+@takes_units
 @dataclass(frozen=True, eq=False, repr=False)
 class ContrastVersusBandwidth(_Curve):
     """Contrast of the speckle of one beam, for light of several bandwidths.
@@ -254,7 +255,7 @@ class ContrastVersusBandwidth(_Curve):
 
     _where, _what, _range = "bandwidths", "contrast", (0.0, 1.0)
 
-    bandwidths: np.ndarray | ArrayLike
+    bandwidths: Annotated[np.ndarray | ArrayLike, INVERSE_LENGTH]
     contrast: np.ndarray | ArrayLike | None
     error: np.ndarray | ArrayLike
     spectrum: Literal["gaussian", "flat"] = "gaussian"

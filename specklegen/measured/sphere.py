@@ -20,7 +20,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,8 @@ from specklegen.core.arguments import flag
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import counted, reject
+from specklegen.core.quantities import takes_units
+from specklegen.core.units import MILLIMETRES
 from specklegen.measured.curve import text_of
 
 _HEAD = (
@@ -42,6 +44,7 @@ _ENOUGH = 1e-14
 _STEPS = 200
 
 
+@takes_units
 class Sphere(NamedTuple):
     """A sphere: diameters of it and of its ports, in millimetres, and the reflectance of its wall.
 
@@ -57,10 +60,10 @@ class Sphere(NamedTuple):
         Reflectance of the wall for diffuse light, 0 to 1.
     """
 
-    diameter: float
-    sample_port: float
-    third_port: float
-    detector_port: float
+    diameter: Annotated[float, MILLIMETRES]
+    sample_port: Annotated[float, MILLIMETRES]
+    third_port: Annotated[float, MILLIMETRES]
+    detector_port: Annotated[float, MILLIMETRES]
     wall: float
 
     def landings(self, reflectance: np.ndarray | float, *, open_port: bool) -> np.ndarray:
@@ -90,6 +93,7 @@ class Shares(NamedTuple):
     collimated: np.ndarray | None
 
 
+@takes_units
 @dataclass(frozen=True, eq=False, repr=False)
 class SphereReadings(Pictured):
     """What an integrating sphere read of samples of one geometry.
@@ -126,9 +130,9 @@ class SphereReadings(Pictured):
 
     sample_index: float
     slide_index: float
-    thickness: float
-    slide_thickness: float
-    beam_diameter: float
+    thickness: Annotated[float, MILLIMETRES]
+    slide_thickness: Annotated[float, MILLIMETRES]
+    beam_diameter: Annotated[float, MILLIMETRES]
     standard: float
     spheres: int
     reflection_sphere: Sphere | None

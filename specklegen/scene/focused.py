@@ -21,7 +21,8 @@ from pydantic import Field, model_validator
 from specklegen.core.arguments import positive_number, real_array
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
-from specklegen.core.units import LENGTH, OTHER_LENGTH, SINE
+from specklegen.core.quantities import with_units
+from specklegen.core.units import LENGTH, OTHER_LENGTH, SINE, WAVELENGTH
 from specklegen.core.values import Array, Positive, position_vectors
 from specklegen.scene.illumination import CollimatedBeams, Light, directions_of_sines
 from specklegen.scene.imaging import Pupil
@@ -90,14 +91,16 @@ class FocusedBeams(Light):
         """The same with only some foci, by their numbers int[n]."""
         return self.replace(points=self.points[chosen])
 
-    def sine(self, wavelength: float) -> float:
+    @with_units
+    def sine(self, wavelength: Annotated[float, WAVELENGTH]) -> float:
         """Largest direction sine of the light."""
         if self.aperture is not None:
             return self.aperture
         assert self.waist is not None
         return _TAIL * wavelength / (math.pi * self.waist)
 
-    def side(self, wavelength: float) -> float:
+    @with_units
+    def side(self, wavelength: Annotated[float, WAVELENGTH]) -> float:
         """Side W of the window."""
         if self.width is not None:
             return self.width
@@ -110,7 +113,8 @@ class FocusedBeams(Light):
         aside = np.abs(self.points[:, :2]).max(axis=1, initial=0.0)
         return 2 * float((aside + slope * np.abs(self.points[:, 2])).max(initial=0.0))
 
-    def require_focus(self, wavelength: float, largest_sine: float) -> None:
+    @with_units
+    def require_focus(self, wavelength: Annotated[float, WAVELENGTH], largest_sine: float) -> None:
         """Refuse cones that the window cuts off, apertures that no light has, and more beams than memory holds."""
         sine = self.sine(wavelength)
         if not sine < largest_sine:
@@ -150,20 +154,23 @@ class FocusedBeams(Light):
             amplitudes = amplitudes * np.exp(-sharp * np.square(sines).sum(-1) / (1 + cosines)) / np.sqrt(cosines)
         return sines, cosines, amplitudes / (np.sqrt(np.square(np.abs(amplitudes)).sum()) * self.side(wavelength))
 
-    def modes(self, wavelength: float) -> CollimatedBeams:
+    @with_units
+    def modes(self, wavelength: Annotated[float, WAVELENGTH]) -> CollimatedBeams:
         """The N collimated beams that every focus is a sum of."""
         sines, _, _ = self._modes(wavelength)
         return CollimatedBeams(
             directions=directions_of_sines("FocusedBeams", sines), width=self.side(wavelength), profile=self.profile
         )
 
-    def amplitudes(self, wavelength: float) -> np.ndarray:
+    @with_units
+    def amplitudes(self, wavelength: Annotated[float, WAVELENGTH]) -> np.ndarray:
         """complex128[T, N], those of the beams in every focus."""
         sines, cosines, pupil = self._modes(wavelength)
         way = self.points[:, :2] @ sines.T - self.points[:, 2:] * (np.square(sines).sum(-1) / (1 + cosines))
         return pupil * np.exp(-2j * np.pi / wavelength * way)
 
-    def field(self, places: np.ndarray, wavelength: float) -> np.ndarray:
+    @with_units
+    def field(self, places: Annotated[np.ndarray, LENGTH], wavelength: Annotated[float, WAVELENGTH]) -> np.ndarray:
         """Field of the light that nothing scatters, complex128[T, P], at places float64[P, 3]; over e^(ikz).
 
         |E|^2 is an irradiance for unit power, 1 / area. Each beam is lit under the window as it goes along.

@@ -42,7 +42,7 @@ from specklegen.core.errors import reject
 from specklegen.core.quantities import with_units
 from specklegen.core.registered import Registered, member_of
 from specklegen.core.registry import Registry
-from specklegen.core.units import DIFFUSION, LENGTH, RATE, UNIT, VELOCITY
+from specklegen.core.units import DIFFUSION, LENGTH, RATE, TIME, UNIT, VELOCITY
 from specklegen.core.values import Array, Finite, NonNegative, position_vectors
 
 BOLTZMANN = 1.380649e-23
@@ -159,7 +159,8 @@ class Brownian(Motion):
             diffusion = BOLTZMANN * temperature / (6 * math.pi * viscosity * radius * unit) / unit**2
         return cls(diffusion=float(diffusion))
 
-    def mean_square(self, lag: ArrayLike) -> np.ndarray:
+    @with_units
+    def mean_square(self, lag: Annotated[ArrayLike, TIME]) -> np.ndarray:
         """6 D tau."""
         return 6 * self.diffusion * real_array("Brownian.mean_square lag", lag)
 
@@ -194,7 +195,8 @@ class Flow(Motion):
     def affine(self, dimension: int) -> tuple[np.ndarray, np.ndarray]:
         """V_0 float64[d] and A float64[d, d] of V(x) = V_0 + A x: d = 3, (x, y, z), or in flatland 2, (x, z)."""
 
-    def mean_square(self, lag: ArrayLike) -> np.ndarray:
+    @with_units
+    def mean_square(self, lag: Annotated[ArrayLike, TIME]) -> np.ndarray:
         """0: nothing is random."""
         return 0.0 * real_array(f"{type(self).__name__}.mean_square lag", lag)
 

@@ -1,12 +1,14 @@
 """How the particles of a medium treat the polarisation of light."""
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.arguments import real_number
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
+from specklegen.core.units import RADIAN
 from specklegen.core.values import ComplexArray, Value
 from specklegen.scene.faces import Faces
 from specklegen.scene.motion import Motion
@@ -47,14 +49,16 @@ class Polarisers(Value):
         return self
 
     @classmethod
-    def parallel(cls, angle: float = 0.0) -> Self:
+    @with_units
+    def parallel(cls, angle: Annotated[float, RADIAN] = 0.0) -> Self:
         """Light polarised at an angle (radians) from x, and an analyser along it."""
         turned = real_number("Polarisers.parallel angle", angle)
         field = np.array([np.cos(turned), np.sin(turned)])
         return cls(light=field, analyser=field)
 
     @classmethod
-    def crossed(cls, angle: float = 0.0) -> Self:
+    @with_units
+    def crossed(cls, angle: Annotated[float, RADIAN] = 0.0) -> Self:
         """The same with an analyser across the light."""
         turned = real_number("Polarisers.crossed angle", angle)
         cosine, sine = float(np.cos(turned)), float(np.sin(turned))

@@ -18,8 +18,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from specklegen.core.errors import reject
-from specklegen.core.quantities import Mark, marked
-from specklegen.core.units import OTHER_LENGTH, SINE, UNIT, VELOCITY
+from specklegen.core.quantities import Mark, marked, with_units
+from specklegen.core.units import OTHER_LENGTH, SINE, TIME, UNIT, VELOCITY, WAVELENGTH
 from specklegen.core.values import Finite, NonNegative, Positive, Value
 from specklegen.scene.faces import Faces
 
@@ -74,7 +74,10 @@ class PhaseScreen(_Thin):
             reject("PhaseScreen", "given by rms_phase, or by rms_height and index", given or "neither")
         return self
 
-    def phase(self, wavelength: float, sine: np.ndarray | float = 0.0) -> np.ndarray:
+    @with_units
+    def phase(
+        self, wavelength: Annotated[float, WAVELENGTH], sine: Annotated[np.ndarray | float, SINE] = 0.0
+    ) -> np.ndarray:
         """Rms phase, radians, for light that meets the screen at direction sines float64[...] from its normal.
 
         Raises
@@ -94,7 +97,8 @@ class PhaseScreen(_Thin):
         added = square / (1 + np.sqrt(1 - square)) - square / (self.index + np.sqrt(self.index**2 - square))
         return np.abs(2 * np.pi / wavelength * self.rms_height * (self.index - 1 + added))
 
-    def rms_angle(self, wavelength: float) -> float:
+    @with_units
+    def rms_angle(self, wavelength: Annotated[float, WAVELENGTH]) -> float:
         """theta_1 = sqrt(2) sigma / (k xi), rms direction sine along one axis, the unscattered light included."""
         return float(math.sqrt(2) * self.phase(wavelength) * wavelength / (2 * np.pi * self.correlation_length))
 
@@ -181,7 +185,7 @@ class GroundGlass(_Thin):
             assert self.angle is not None
             height, angle, index = self.rms_height or 2 * micrometre, self.angle, self.index
         length = math.sqrt(2) * (index - 1) * height * _FWHM / angle  # of the face, whatever surrounds it
-        return PhaseScreen(rms_height=height, index=self.index, correlation_length=length)
+        return marked(PhaseScreen(rms_height=height, index=self.index, correlation_length=length), Mark(self.unit))
 
     @property
     def stack(self) -> "ScreenStack":
@@ -249,12 +253,16 @@ class ScreenStack(_Thin):
         """float64[M], from each screen to the exit plane."""
         return self.behind + np.append(np.cumsum(self.gaps[::-1])[::-1], 0.0)
 
-    def moved(self, times: np.ndarray) -> np.ndarray:
+    @with_units
+    def moved(self, times: Annotated[np.ndarray, TIME]) -> np.ndarray:
         """How far each screen has moved at times float64[T], float64[T, M, 2]."""
         velocities = np.zeros((len(self.screens), 2)) if self.velocities is None else np.array(self.velocities)
         return np.asarray(times, np.float64)[:, None, None] * velocities
 
-    def phases(self, wavelength: float, sine: np.ndarray | float = 0.0) -> np.ndarray:
+    @with_units
+    def phases(
+        self, wavelength: Annotated[float, WAVELENGTH], sine: Annotated[np.ndarray | float, SINE] = 0.0
+    ) -> np.ndarray:
         """Rms phase of every screen float64[M, ...], for light at direction sines float64[...]."""
         return np.stack([each.phase(wavelength, sine) for each in self._phase_screens])
 
@@ -263,11 +271,13 @@ class ScreenStack(_Thin):
         """float64[M]."""
         return np.array([each.correlation_length for each in self._phase_screens])
 
-    def rms_angle(self, wavelength: float) -> float:
+    @with_units
+    def rms_angle(self, wavelength: Annotated[float, WAVELENGTH]) -> float:
         """Rms direction sine along one axis behind all screens, the unscattered light included."""
         return float(np.sqrt(sum(each.rms_angle(wavelength) ** 2 for each in self._phase_screens)))
 
-    def optical_depth(self, wavelength: float) -> float:
+    @with_units
+    def optical_depth(self, wavelength: Annotated[float, WAVELENGTH]) -> float:
         """Sum of the sigma^2: the unscattered share of the light is e^-OD, and sigma^2 the mean number of events."""
         return float(np.square(self.phases(wavelength)).sum())
 

@@ -11,17 +11,22 @@ with m w added to c. Bar, Alterman, Gkioulekas, Levin, *Rendering Near-Field Spe
 ACM Trans. Graph. 39(6), 187 (2020).
 """
 
+from typing import Annotated
+
 import numpy as np
 
 from specklegen.core.arguments import positive_number, real_array
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
+from specklegen.core.units import LENGTH, WAVELENGTH
 
 _AXIS = np.array([0.0, 0.0, 1.0])
 
 
+@with_units
 def gaussian_focus(
-    places: np.ndarray, focus: np.ndarray, waist: float, wavelength: float, *,
-    direction: np.ndarray | None = None, sharpness: float = 0.0,
+    places: Annotated[np.ndarray, LENGTH], focus: Annotated[np.ndarray, LENGTH], waist: Annotated[float, LENGTH],
+    wavelength: Annotated[float, WAVELENGTH], *, direction: np.ndarray | None = None, sharpness: float = 0.0,
 ) -> np.ndarray:  # fmt: skip
     """Field complex128[P] of a Gaussian beam of unit power along z at places float64[P, 3], over e^(ik (z - p_z)).
 

@@ -8,13 +8,15 @@ of light whose share rho moves with one exponential, g1 = e^(-tau / tau_c), and 
 often has no single exponential: what the model then says of it is in docs/contrast.md.
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import array_from_zero, real_number
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
+from specklegen.core.units import TIME
 from specklegen.theory.speckle_contrast import exposure_average
 
 REACH = 100.0
@@ -41,7 +43,10 @@ class MultiExposureFit(NamedTuple):
     misfit: np.ndarray
 
 
-def multi_exposure_fit(contrast_squared: ArrayLike, exposures: ArrayLike, *, beta: float = 1.0) -> MultiExposureFit:
+@with_units
+def multi_exposure_fit(
+    contrast_squared: ArrayLike, exposures: Annotated[ArrayLike, TIME], *, beta: float = 1.0,
+) -> MultiExposureFit:  # fmt: skip
     """Fit the multi-exposure model to K^2 of several exposures, by relative least squares.
 
     From the best of a table, damped Gauss-Newton steps (Levenberg and Marquardt) in log tau_c and rho, the share held

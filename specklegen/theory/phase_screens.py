@@ -20,10 +20,13 @@ N the normal density in the plane, n = 0 (the unscattered light) left out. Where
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, reduce
+from typing import Annotated
 
 import numpy as np
 
 from specklegen.core.lazy import stats
+from specklegen.core.quantities import with_units
+from specklegen.core.units import LENGTH, SINE, WAVELENGTH
 from specklegen.core.values import remembered
 from specklegen.scene.scene import Scene
 from specklegen.scene.screens import ScreenStack
@@ -39,7 +42,11 @@ _LARGE_MEAN, _NODES = 12.0, 12
 """Mean above which so many nodes stand for all numbers: K and f are then right to 1e-6 (tests)."""
 
 
-def coherence(stack: ScreenStack, wavelength: float, shift: np.ndarray, ways: np.ndarray | None = None) -> np.ndarray:
+@with_units
+def coherence(
+    stack: ScreenStack, wavelength: Annotated[float, WAVELENGTH], shift: Annotated[np.ndarray, LENGTH],
+    ways: np.ndarray | None = None,
+) -> np.ndarray:  # fmt: skip
     """Modulus of (1) over its value of two equal beams: field correlation over all views, float64[...].
 
     Parameters
@@ -57,12 +64,14 @@ def coherence(stack: ScreenStack, wavelength: float, shift: np.ndarray, ways: np
     return np.exp(-(np.square(stack.phases(wavelength)) * lost).sum(-1))
 
 
-def tilt_ways(stack: ScreenStack, tilt: np.ndarray) -> np.ndarray:
+@with_units
+def tilt_ways(stack: ScreenStack, tilt: Annotated[np.ndarray, SINE]) -> np.ndarray:
     """a_m = D_m delta of tilts float64[..., 2], by the difference of their sines: float64[..., M, 2]."""
     return stack.distances[:, None] * np.asarray(tilt, np.float64)[..., None, :]
 
 
-def spread(stack: ScreenStack, wavelength: float) -> tuple[float, float, float]:
+@with_units
+def spread(stack: ScreenStack, wavelength: Annotated[float, WAVELENGTH]) -> tuple[float, float, float]:
     """Lateral walk R to the exit plane of strongly scattered light: its two variances an axis, and its pivot.
 
     Over all views Var R_x = sum theta_m^2 D_m^2; at a fixed view that less (sum theta_m^2 D_m)^2 / sum theta_m^2, and
@@ -75,9 +84,11 @@ def spread(stack: ScreenStack, wavelength: float) -> tuple[float, float, float]:
     return over_all, float(angles @ np.square(distance - pivot)), pivot
 
 
+@with_units
 def index_correlation(
-    stack: ScreenStack, wavelength: float, sines: np.ndarray, others: np.ndarray | None = None
-) -> np.ndarray:
+    stack: ScreenStack, wavelength: Annotated[float, WAVELENGTH], sines: Annotated[np.ndarray, SINE],
+    others: np.ndarray | None = None,
+) -> np.ndarray:  # fmt: skip
     """What the screens' index leaves of the field correlation of beams at sines float64[T] from the normal: [T, T].
 
     With ``others`` float64[S] it is that of each with each of these, [T, S].
@@ -213,8 +224,9 @@ class Lobes:
         return complex(weight @ value / weight.sum())
 
 
+@with_units
 @remembered(64)
-def lobes(stack: ScreenStack, wavelength: float) -> Lobes:
+def lobes(stack: ScreenStack, wavelength: Annotated[float, WAVELENGTH]) -> Lobes:
     """The mixture of Gaussian lobes of a stack."""
     wavenumber = 2 * np.pi / wavelength
     means = np.square(stack.phases(wavelength))

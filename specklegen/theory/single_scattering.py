@@ -12,19 +12,24 @@ import math
 from collections.abc import Callable
 from functools import partial
 from itertools import combinations, permutations
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
+from specklegen.core.units import INVERSE_LENGTH, LENGTH, WAVELENGTH
 
 _BLOCK = {2: 4096, 3: 64}  # quadruples at a time: a box is cut into up to 60 triangles or some 1000 tetrahedra each
 _TAYLOR = 1.0
 _ORDER = 20  # 1 / 20! is below rounding
 
 
+@with_units
 def box_covariance(
-    lower: ArrayLike, upper: ArrayLike, *, extinction: float, albedo: float = 1.0, wavelength: float,
+    lower: Annotated[ArrayLike, LENGTH], upper: Annotated[ArrayLike, LENGTH], *,
+    extinction: Annotated[float, INVERSE_LENGTH], albedo: float = 1.0, wavelength: Annotated[float, WAVELENGTH],
     amplitude: Callable[[np.ndarray], np.ndarray], lights: tuple[ArrayLike, ArrayLike],
     views: tuple[ArrayLike, ArrayLike],
 ) -> np.ndarray:  # fmt: skip

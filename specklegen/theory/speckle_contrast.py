@@ -15,7 +15,7 @@ light at rest, multiplies it. The static share's model: Parthasarathy et al., Op
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,8 @@ from scipy.special import gammainc
 from specklegen.core.arguments import array_from_zero, number_from_zero, real_number, whole_number
 from specklegen.core.errors import reject
 from specklegen.core.quadrature import gauss_legendre
+from specklegen.core.quantities import with_units
+from specklegen.core.units import TIME
 
 FieldCorrelation = Callable[[np.ndarray], np.ndarray]
 """g1 of lags float64[n] >= 0, real or complex[n], 1 at lag 0."""
@@ -60,9 +62,11 @@ def _average(y: np.ndarray) -> np.ndarray:
     return np.where(y < _SERIES_BELOW, 1 + series, 2 / large * (1 + np.expm1(-large) / large))
 
 
+@with_units
 def exponential_contrast_squared(
-    exposure: ArrayLike, correlation_time: ArrayLike, *, dynamic_share: float = 1.0, beta: float = 1.0
-) -> np.ndarray:
+    exposure: Annotated[ArrayLike, TIME], correlation_time: Annotated[ArrayLike, TIME], *, dynamic_share: float = 1.0,
+    beta: float = 1.0,
+) -> np.ndarray:  # fmt: skip
     """K^2 of one exponential beside light that stands still, float64 of the broadcast shape.
 
     beta {rho^2 F(2x) + 2 rho (1 - rho) F(x) + (1 - rho)^2}, x = T / tau_c: the multi-exposure model without its noise.
@@ -92,8 +96,9 @@ def _shared(rho: float, x: np.ndarray) -> np.ndarray:
     return rho**2 * _average(2 * x) + 2 * rho * (1 - rho) * _average(x) + (1 - rho) ** 2
 
 
+@with_units
 def correlation_time(
-    contrast_squared: ArrayLike, exposure: ArrayLike, *, dynamic_share: float = 1.0, beta: float = 1.0
+    contrast_squared: ArrayLike, exposure: Annotated[ArrayLike, TIME], *, dynamic_share: float = 1.0, beta: float = 1.0
 ) -> np.ndarray:
     """tau_c of a measured K^2, float64 of the broadcast shape: the inverse of :func:`exponential_contrast_squared`.
 
@@ -148,7 +153,10 @@ def _log_slope(y: np.ndarray) -> np.ndarray:
     return np.where(y < _SERIES_BELOW, -y * (1 + series) / 3, -2 * (np.expm1(-large) / large + _average(large)))
 
 
-def diffusing_contrast_squared(exposure: ArrayLike, tau0: ArrayLike, *, gamma: float = 5 / 3) -> np.ndarray:
+@with_units
+def diffusing_contrast_squared(
+    exposure: Annotated[ArrayLike, TIME], tau0: Annotated[ArrayLike, TIME], *, gamma: float = 5 / 3,
+) -> np.ndarray:  # fmt: skip
     """K^2 of light that diffuses back from a half space, g1 = e^(-gamma sqrt(6 tau / tau0)), float64 of that shape.
 
     4 {[1 - e^-b (1 + b)] / b^2 - [6 - e^-b (b^3 + 3 b^2 + 6 b + 6)] / b^4}, b = 2 gamma sqrt(6 T / tau0): incomplete
@@ -175,7 +183,8 @@ def diffusing_contrast_squared(exposure: ArrayLike, tau0: ArrayLike, *, gamma: f
     return np.where(b < 1e-8, 1 - 8 / 15 * b, np.where(b > 1e75, 0.0, squared))
 
 
-def contrast_squared(field: FieldCorrelation, exposure: float) -> float:
+@with_units
+def contrast_squared(field: FieldCorrelation, exposure: Annotated[float, TIME]) -> float:
     """K^2 of any field correlation, 2 int_0^1 (1 - u) |g1(uT)|^2 du.
 
     On Gauss panels that shrink towards lag 0: to about 1e-13 for sums of exponentials and e^-sqrt, of whatever times.
@@ -253,7 +262,8 @@ def class_field(transfer: ArrayLike, shares: ArrayLike) -> FieldCorrelation:
     return lambda lags: _decay(y, p, array_from_zero("class_field lag", lags).ravel())
 
 
-def sub_frame_contrast_squared(field: FieldCorrelation, exposure: float, frames: int) -> float:
+@with_units
+def sub_frame_contrast_squared(field: FieldCorrelation, exposure: Annotated[float, TIME], frames: int) -> float:
     """K^2 of an exposure made of ``frames`` instants at the midpoints of as many parts, of equal weight.
 
     (1/n) [|g1(0)|^2 + 2 sum_m (1 - m/n) |g1(mT/n)|^2], m = 1 ... n - 1; one instant has K^2 = 1.
@@ -280,7 +290,8 @@ def sub_frame_contrast_squared(field: FieldCorrelation, exposure: float, frames:
     return float(weight @ _power("sub_frame_contrast_squared field", field, exposure * share))
 
 
-def sub_frames(field: FieldCorrelation, exposure: float, *, tolerance: float) -> int:
+@with_units
+def sub_frames(field: FieldCorrelation, exposure: Annotated[float, TIME], *, tolerance: float) -> int:
     """Fewest sub-frames whose K^2 is above the exposure's by at most ``tolerance`` of it.
 
     Parameters
@@ -369,7 +380,10 @@ def contrast_estimate(contrast_squared: ArrayLike, grains: ArrayLike) -> Contras
     return ContrastEstimate(mean, np.sqrt(np.maximum(second - mean**2, 0.0)))
 
 
-def motion_contrast_estimate(field: FieldCorrelation, exposure: float, grains: ArrayLike) -> ContrastEstimate:
+@with_units
+def motion_contrast_estimate(
+    field: FieldCorrelation, exposure: Annotated[float, TIME], grains: ArrayLike,
+) -> ContrastEstimate:  # fmt: skip
     """Mean and standard deviation of a K^2 that is estimated from N independent grains, of a known g1.
 
     With S_n = sum_i lambda_i^n of the eigenvalues of g1(s - t) over the exposure (sum 1), the integrated intensity has

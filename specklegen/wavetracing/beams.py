@@ -17,12 +17,13 @@ The beam is paraxial: at tan(alpha) = .034, .135, .34, .68 the true variance aft
 6e-3, 4e-2, .22. Above PARAXIAL a `DoubtWarning` says so.
 """
 
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject, warn_user
+from specklegen.core.units import AREA, LENGTH, WAVELENGTH
 from specklegen.core.values import Array, NonNegative, Positive, Value, unit_vectors
 from specklegen.wavetracing.cones import Cone, transverse_frame
 
@@ -61,10 +62,10 @@ class GaussianBeam(Value):
            [  0., 100.]])
     """
 
-    origin: Array
+    origin: Annotated[Array, LENGTH]
     direction: Array
-    sigma: Array
-    wavelength: Positive
+    sigma: Annotated[Array, AREA]
+    wavelength: Annotated[Positive, WAVELENGTH]
     rho: NonNegative = 0.0
 
     def __init__(self, origin, direction, sigma, wavelength, rho=0.0):

@@ -18,7 +18,7 @@ S. Steinberg, M. Pharr, *Wave Tracing*, section on bilinear path tracing.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +26,8 @@ from numpy.typing import ArrayLike
 from specklegen.core.arguments import choice, instance, real_array, real_number, whole_number
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads, map_blocks, slices
+from specklegen.core.quantities import with_units
+from specklegen.core.units import LENGTH
 from specklegen.wavetracing.edge_graph import Surfaces, graph_of
 from specklegen.wavetracing.emitters import PointEmitter
 from specklegen.wavetracing.geometry import Geometry
@@ -105,10 +107,11 @@ class PathSearch:
             )
 
 
+@with_units
 def coherent_rays(
     geometry: Geometry,
     source: PointEmitter,
-    points: ArrayLike,
+    points: Annotated[ArrayLike, LENGTH],
     reflections: int = 1,
     diffractions: int = 2,
     polarisation: Literal["soft", "hard"] = "soft",

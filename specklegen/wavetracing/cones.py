@@ -9,12 +9,13 @@ restores, t = tan_a and nothing is added; a beam that starts elliptic has tan_a 
 wider than its envelope along one axis [S. Steinberg, M. Pharr, *Wave Tracing*, section on elliptic cones].
 """
 
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from specklegen.core.errors import reject
+from specklegen.core.units import LENGTH
 from specklegen.core.values import Array, NonNegative, Value, unit_vectors
 from specklegen.wavetracing.kernels.cones import CONE
 
@@ -69,13 +70,13 @@ class Cone(Value):
     array([ True, False])
     """
 
-    origin: Array
+    origin: Annotated[Array, LENGTH]
     frame: Array
-    a: NonNegative
-    b: NonNegative
+    a: Annotated[NonNegative, LENGTH]
+    b: Annotated[NonNegative, LENGTH]
     tan_a: NonNegative
     tan_b: NonNegative
-    least: NonNegative = 0.0
+    least: Annotated[NonNegative, LENGTH] = 0.0
 
     def __init__(self, origin, frame, a, b, tan_a, tan_b, least=0.0):
         super().__init__(origin=origin, frame=frame, a=a, b=b, tan_a=tan_a, tan_b=tan_b, least=least)

@@ -18,12 +18,15 @@ come from `specklegen.wavetracing.field_on_plane`. This module alone knows the e
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from specklegen.coherence.transmission import face_modes
 from specklegen.core.arguments import complex_array, positive_number, real_number, several
 from specklegen.core.errors import reject, warn_user
+from specklegen.core.quantities import with_units
+from specklegen.core.units import WAVELENGTH
 from specklegen.scene.illumination import CollimatedBeams, directions_of_sines
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.wavetracing.light import WaveSum
@@ -160,7 +163,8 @@ def illumination_of(
     return CollimatedBeams(directions=directions, width=first.pitch * len(stack[0])), amplitudes[kept]
 
 
-def light_behind(values: np.ndarray, sensor: FarFieldGrid, wavelength: float) -> WaveSum:
+@with_units
+def light_behind(values: np.ndarray, sensor: FarFieldGrid, wavelength: Annotated[float, WAVELENGTH]) -> WaveSum:
     """Return the light behind a medium, from its far field: on the way to an aperture, a mask, a camera.
 
     A far field f(s), |f|^2 power per solid angle, is that of u = (ik / 2 pi) sum_s ds^2 f(s) / cos(s) e^{ik s.r}

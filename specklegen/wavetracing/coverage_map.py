@@ -15,7 +15,7 @@ Source: S. Steinberg, M. Pharr, *Wave Tracing*, section on coverage; H. T. Friis
 
 from dataclasses import dataclass
 from math import isqrt
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -24,7 +24,9 @@ from specklegen.core.arguments import choice, instance, positive_number, whole_n
 from specklegen.core.display.plot import Pictured, draw_map
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.parallel import Threads
+from specklegen.core.quantities import mark_of, with_units
 from specklegen.core.random_streams import Seed, Stream, stream_key
+from specklegen.core.units import RADIAN, RATE
 from specklegen.core.values import Array, Positive, Value
 from specklegen.wavetracing.coherent_ray_sums import PathSearch
 from specklegen.wavetracing.emitters import PointEmitter
@@ -56,7 +58,7 @@ class Transmitter(Value):
 
     position: Array
     power: Positive = 1e-3
-    beam_angle: float = Field(0.02, gt=0, lt=np.pi / 4, allow_inf_nan=False)
+    beam_angle: Annotated[float, RADIAN] = Field(0.02, gt=0, lt=np.pi / 4, allow_inf_nan=False)
 
     def __init__(self, position, power=1e-3, beam_angle=0.02):
         super().__init__(position=position, power=power, beam_angle=beam_angle)
@@ -104,11 +106,12 @@ class Coverage(Pictured):
         axes.set(xlabel="column of the map", ylabel="row")
 
 
+@with_units
 def coverage(
     geometry: Geometry,
     transmitter: Transmitter,
     plane: Plane,
-    frequency: float,
+    frequency: Annotated[float, RATE],
     method: Literal["wave", "ray", "phase"] = "wave",
     *,
     gain: float = 1.0,
@@ -177,6 +180,11 @@ def coverage(
     choice("coverage method", method, ("wave", "ray", "phase"))
     instance("coverage transmitter", transmitter, Transmitter)
     instance("coverage plane", plane, Plane)
+    for part in (plane, *(mesh.material for mesh in geometry.meshes)):
+        mark = mark_of(part)
+        if mark is not None and mark.lengths:
+            reject(f"coverage {type(part).__name__}", "in metres", f"lengths in units of {mark.metres:g} m",
+                   "Write its lengths as bare numbers in metres.")  # fmt: skip
     wavelength = LIGHT_SPEED / frequency
     nearest = float(np.linalg.norm(plane.points - transmitter.position, axis=-1).min())
     if nearest < wavelength / (2 * np.pi):

@@ -20,7 +20,8 @@ from pydantic import Field
 
 from specklegen.core.arguments import choice, positive_number
 from specklegen.core.errors import reject, warn_user
-from specklegen.core.units import LENGTH
+from specklegen.core.quantities import with_units
+from specklegen.core.units import LENGTH, RATE
 from specklegen.core.values import ComplexNumber, Positive, UnitInterval, Value
 
 # Kinds as the kernels know them.
@@ -60,7 +61,8 @@ ITU: dict[str, tuple[tuple[float, float, float, float, float, float], ...]] = {
 }  # fmt: skip
 
 
-def itu_permittivity(name: str, frequency: float) -> complex:
+@with_units
+def itu_permittivity(name: str, frequency: Annotated[float, RATE]) -> complex:
     """Return the relative permittivity of a building material at a frequency in hertz (ITU-R P.2040-4, table 3).
 
     Where two rows hold the frequency, the one of the narrower band counts; where none does, the nearest one, with a

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,9 @@ from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
 from specklegen.core.parallel import map_blocks, slices
+from specklegen.core.quantities import with_units
 from specklegen.core.random_streams import Seed, Stream, stream_key
+from specklegen.core.units import LENGTH, WAVELENGTH
 from specklegen.wavetracing.angular_spectrum import quadrature
 from specklegen.wavetracing.aperture import Amplitude, aperture_transform
 from specklegen.wavetracing.envelope import edge_envelope
@@ -81,14 +83,15 @@ class Pattern(Pictured):
         axes.set(xlabel="wavevector ξ along x", ylabel="along y", aspect="equal")
 
 
+@with_units
 def sample_slits(
-    widths: ArrayLike,
-    centres: ArrayLike,
+    widths: Annotated[ArrayLike, LENGTH],
+    centres: Annotated[ArrayLike, LENGTH],
     phases: ArrayLike,
     count: int,
     seed: Seed,
     *,
-    wavelength: float | None = 1.0,
+    wavelength: Annotated[float, WAVELENGTH] | None = 1.0,
     threads: int | None = None,
 ) -> Pattern:
     """Draw from the pattern of slits in flatland, |sum_l w_l sinc(xi w_l/2) e^{-i xi c_l + i phase_l}|^2.
@@ -138,6 +141,7 @@ def sample_slits(
     return _draw(draw, (_count(count),), seed, threads)
 
 
+@with_units
 def sample_pattern(
     opening: Opening,
     count: int,
@@ -145,7 +149,7 @@ def sample_pattern(
     method: Method = "rejection",
     *,
     amplitude: Amplitude = 1.0,
-    wavelength: float | None = 1.0,
+    wavelength: Annotated[float, WAVELENGTH] | None = 1.0,
     threads: int | None = None,
 ) -> Pattern:
     """Draw from |Psi(xi)|^2 of an opening under uniform light, or by a table under any.

@@ -10,7 +10,8 @@ from pydantic import model_validator
 from specklegen.core.arguments import complex_array, real_number
 from specklegen.core.display.plot import Pictured, draw_map
 from specklegen.core.errors import reject
-from specklegen.core.units import LENGTH
+from specklegen.core.quantities import takes_units
+from specklegen.core.units import LENGTH, WAVELENGTH
 from specklegen.core.values import Array, Positive, PositiveInt, Value, read_only
 
 
@@ -79,6 +80,7 @@ class Plane(Value):
         return read_only(self.center + x[None, :, None] * self.axes[0] + y[:, None, None] * self.axes[1])
 
 
+@takes_units
 @dataclass(frozen=True, repr=False)
 class PlaneField(Pictured):
     """A complex field on the grid of a plane.
@@ -101,8 +103,8 @@ class PlaneField(Pictured):
     """
 
     values: np.ndarray
-    pitch: float
-    wavelength: float
+    pitch: Annotated[float, LENGTH]
+    wavelength: Annotated[float, WAVELENGTH]
 
     _named = {"|u|": "values", "pitch": "pitch", "wavelength": "wavelength", "power": "power"}
 

@@ -17,7 +17,7 @@ When to believe which: docs/wavetracing.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from specklegen.core.arguments import choice, instance, positive_number, real_nu
 from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks, slices
 from specklegen.core.quadrature import gauss_legendre
+from specklegen.core.quantities import with_units
+from specklegen.core.units import LENGTH
 from specklegen.wavetracing.angular_spectrum import light_strengths, spectrum_field
 from specklegen.wavetracing.aperture import aperture_transform
 from specklegen.wavetracing.edge_rays import Polarisation, edge_ray_field
@@ -41,6 +43,7 @@ BLOCK = 1 << 12
 """Points that a thread takes at once."""
 
 
+@with_units
 def field_on_plane(
     opening: Opening | Mask | None,
     light: Light,
@@ -49,7 +52,7 @@ def field_on_plane(
     *,
     polarisation: Polarisation = "soft",
     padding: float = 2.0,
-    shift: Sequence[float] | None = None,
+    shift: Annotated[Sequence[float], LENGTH] | None = None,
     rotation: np.ndarray | None = None,
     threads: int | None = None,
 ) -> PlaneField:

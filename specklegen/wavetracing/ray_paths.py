@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 from specklegen.core.arguments import choice, real_array
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
+from specklegen.core.units import LENGTH
 from specklegen.wavetracing.coherent_ray_sums import FLOOR, PathSearch
 from specklegen.wavetracing.edge_graph import Surfaces
 from specklegen.wavetracing.emitters import PointEmitter
@@ -68,10 +70,11 @@ class RayPath:
         return self.length / LIGHT_SPEED
 
 
+@with_units
 def coherent_paths(
     geometry: Geometry,
     source: PointEmitter,
-    point: ArrayLike,
+    point: Annotated[ArrayLike, LENGTH],
     reflections: int = 1,
     diffractions: int = 2,
     polarisation: Literal["soft", "hard"] = "soft",

@@ -21,13 +21,15 @@ through the wedge are not there.
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import choice, complex_number, positive_number, real_array, real_number, together
 from specklegen.core.errors import reject
+from specklegen.core.quantities import with_units
+from specklegen.core.units import INVERSE_LENGTH, LENGTH, RADIAN
 from specklegen.wavetracing.kernels.wedges import wedge_pairs, wedge_terms, wedge_weights
 from specklegen.wavetracing.materials import fresnel
 
@@ -37,13 +39,14 @@ NEAREST = 1.0
 """k s below which a receiver is refused: there the edge is no more than a sixth of a wavelength away."""
 
 
+@with_units
 def wedge_coefficients(
     n: float,
-    phi: ArrayLike,
-    incidence: ArrayLike,
-    distance: ArrayLike,
-    k: float,
-    beta: ArrayLike = np.pi / 2,
+    phi: Annotated[ArrayLike, RADIAN],
+    incidence: Annotated[ArrayLike, RADIAN],
+    distance: Annotated[ArrayLike, LENGTH],
+    k: Annotated[float, INVERSE_LENGTH],
+    beta: Annotated[ArrayLike, RADIAN] = np.pi / 2,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the soft and hard diffraction coefficients of a perfect wedge.
 
@@ -108,14 +111,15 @@ def geometric_shares(n: float, phi: ArrayLike, incidence: ArrayLike) -> np.ndarr
     return out.reshape(*phi.shape, 3)
 
 
+@with_units
 def wedge_field(
     n: float,
-    phi: ArrayLike,
-    incidence: ArrayLike,
-    distance: ArrayLike,
-    k: float,
+    phi: Annotated[ArrayLike, RADIAN],
+    incidence: Annotated[ArrayLike, RADIAN],
+    distance: Annotated[ArrayLike, LENGTH],
+    k: Annotated[float, INVERSE_LENGTH],
     boundary: Boundary,
-    beta: float = np.pi / 2,
+    beta: Annotated[float, RADIAN] = np.pi / 2,
 ) -> np.ndarray:
     """Return the total UTD field complex128[...] of a wedge lit by a plane wave e^{ik d.x}, 1 on the edge at z = 0.
 
@@ -170,12 +174,13 @@ def wedge_field(
     return geometric + pair[sign > 0] * np.exp(1j * across * r) / np.sqrt(s)
 
 
+@with_units
 def lossy_wedge_field(
     n: float,
-    phi: ArrayLike,
-    incidence: ArrayLike,
-    distance: ArrayLike,
-    k: float,
+    phi: Annotated[ArrayLike, RADIAN],
+    incidence: Annotated[ArrayLike, RADIAN],
+    distance: Annotated[ArrayLike, LENGTH],
+    k: Annotated[float, INVERSE_LENGTH],
     permittivity: complex,
     boundary: Boundary,
 ) -> np.ndarray:

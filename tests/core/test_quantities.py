@@ -10,8 +10,22 @@ from specklegen.core.errors import RuleError
 from specklegen.core.quantities import mark_of, nodes_of
 from specklegen.core.units import METRES
 from specklegen.datasets import load_recipe
-from specklegen.measured import MemoryCurve, TemporalCurve
-from specklegen.wavetracing import GaussianLaser, Plane
+from specklegen.fdtd import RandomLayer, coherent_transmission, slab_fresnel
+from specklegen.measured import ContrastVersusBandwidth, MemoryCurve, Sphere, SphereReadings, TemporalCurve
+from specklegen.theory.focused_light import gaussian_focus
+from specklegen.theory.phase_screens import spread
+from specklegen.theory.speckle_contrast import exponential_contrast_squared
+from specklegen.wavetracing import (
+    GaussianLaser,
+    Geometry,
+    Plane,
+    Transmitter,
+    coverage,
+    itu_permittivity,
+    perforated_screen,
+    sample_slits,
+    wedge_field,
+)
 
 UNITS = ("nm", "um", "mm", "m")
 SETUPS = 500
@@ -139,6 +153,19 @@ def _used(make, glass: bool) -> list[str]:
         (lambda: sg.memory_effect(sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.Isotropic()),
                                   wavelength="532 nm", tilts=[0.0]), "memory_effect medium.thickness"),
         (lambda: slab().replace(thickness=700.0), "Slab.thickness"),
+        (lambda: sg.materials.get("polystyrene", "633 nm", radius=0.5), "get numbers.radius"),
+        (lambda: load_recipe("through-slab", {"lab": {"wavelength": "532 nm"}, "material": {
+            "preset": {"name": "polystyrene", "radius": 0.5}, "thickness": "1 mm"}}), "material.preset.radius"),
+        (lambda: spread(sg.PhaseScreen(correlation_length="9 um", rms_phase=1.0).stack, 0.5), "spread wavelength"),
+        (lambda: sg.PhaseScreen(correlation_length="9 um", rms_phase=1.0).rms_angle(0.5), "rms_angle wavelength"),
+        (lambda: gaussian_focus([[0, 0, 1.0]], [[0, 0, 0.0]], "5 um", "0.5 um"), "gaussian_focus places"),
+        (lambda: exponential_contrast_squared("5 ms", 0.005), "exponential_contrast_squared correlation_time"),
+        (lambda: coherent_transmission(RandomLayer(correlation_length="9 nm"), 0.6), "transmission wavelength"),
+        (lambda: sphere_readings("1 mm", 1.0), "SphereReadings.slide_thickness"),
+        (lambda: sample_slits(["5 um"], ["0 um"], [0.0], 10, 0), "sample_slits wavelength"),
+        (lambda: wedge_field(1.5, "45 deg", "30 deg", "1 m", 10.0, "soft"), "wedge_field k"),
+        (lambda: coverage(Geometry([perforated_screen([[-1, -1], [1, -1], [1, 1]])]), Transmitter([0, 0, -5]),
+                          Plane(center=["0 m", "0 m", "5 m"], shape=(2, 2), pitch="1 m"), "1 GHz"), "coverage Plane"),
         (lambda: sg.Slab.from_toml(SPHERES), "Slab.scatterer.radius"),
     ],
 )  # fmt: skip
@@ -146,6 +173,42 @@ def test_refused_by_field(make, field):
     with pytest.raises(RuleError) as error:
         make()
     assert field in str(error.value)
+
+
+def sphere_readings(thickness: object, slide: object) -> SphereReadings:
+    sphere = Sphere("20 cm", "20 mm", "20 mm", "5 mm", 0.97)
+    assert sphere == Sphere(200.0, 20.0, 20.0, 5.0, 0.97)
+    read = {"reflection": np.array([0.4])}
+    return SphereReadings(1.33, 1.5, thickness, slide, "2 mm", 0.99, 1, sphere, sphere, read, False, "")
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_forms_of_theory_and_measured_data_do_not_know_the_unit(unit):
+    """Of closed forms, presets and readings: texts in any unit give what numbers in the usual one give."""
+
+    def length(micrometres):
+        return f"{micrometres * 1e-6 / METRES[unit]:.12g} {unit}"
+
+    inverse = f"{10.0 * METRES[unit] / 1e-6:.12g} /{unit}"
+    screen = sg.PhaseScreen(correlation_length=length(9.0), rms_phase=1.0)
+    stack = sg.ScreenStack(screens=[screen] * 2, gaps=[length(50.0)])
+    bare = sg.ScreenStack(**stack.model_dump())
+    place, focus = np.array([[0.0, 1.0, 2.0]]), np.array([0.0, 0.0, 1.0])
+    written = [[length(x) for x in place[0]]], [length(x) for x in focus]
+    pairs = [
+        (spread(stack, length(0.5)), spread(bare, 0.5)),
+        (gaussian_focus(*written, length(5.0), length(0.5)), gaussian_focus(place, focus, 5.0, 0.5)),
+        (slab_fresnel(1.5, 1.0, length(3.0), [inverse]), slab_fresnel(1.5, 1.0, 3.0, np.array([10.0]))),
+        (sg.materials.get("polystyrene", length(0.633), radius=length(0.5)).mean_free_path,
+         sg.materials.get("polystyrene", 0.633, radius=0.5).mean_free_path),
+        (wedge_field(1.5, "45 deg", "30 deg", length(90.0), inverse, "soft"),
+         wedge_field(1.5, np.pi / 4, np.pi / 6, 90.0, 10.0, "soft")),
+        (ContrastVersusBandwidth(bandwidths=[inverse], contrast=[0.9], error=0.01).at, [10.0]),
+        (sphere_readings(length(1000.0), length(500.0)).thickness, 1.0),
+    ]  # fmt: skip
+    for n, (found, expected) in enumerate(pairs):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, err_msg=str(n))
+    assert itu_permittivity("concrete", "2.4 GHz") == itu_permittivity("concrete", 2.4e9)
 
 
 def slab(**fields: object) -> sg.Slab:
@@ -195,7 +258,7 @@ def test_measured_curves_take_units():
     assert np.allclose(tilts.at, [1e-4, 2e-4], rtol=1e-12)
     lags = TemporalCurve(lags=["1 ms", "10 ms"], g2=[1.6, 1.1], error=0.01)
     assert np.array_equal(lags.at, [1e-3, 1e-2])
-    with pytest.raises(RuleError, match=r"TemporalCurve lags.1 must be written with its unit"):
+    with pytest.raises(RuleError, match=r"TemporalCurve.lags.1 must be written with its unit"):
         TemporalCurve(lags=["1 ms", 10.0], g2=[1.6, 1.1], error=0.01)
 
 

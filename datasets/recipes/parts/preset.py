@@ -32,7 +32,7 @@ from specklegen.datasets.recipes.parts.material import MOVING, CharacterizedMate
 from specklegen.datasets.split import Split
 from specklegen.instrument.lab import LabSetup
 from specklegen.materials import BulkMaterial
-from specklegen.materials.registry import known_lobe, require_measured
+from specklegen.materials.registry import NUMBERS, known_lobe, require_measured
 from specklegen.scene.faces import Faces
 from specklegen.scene.media import Slab
 
@@ -86,7 +86,7 @@ def _matched(outside: Any) -> Any:
 NamedMaterial = Annotated[
     dict[str, Any],
     BeforeValidator(_read),
-    Like({"wavelength": Node(MICROMETRES), "unit": Node(UNIT)}),
+    Like({"wavelength": Node(MICROMETRES), "unit": Node(UNIT), **NUMBERS}),
     WithJsonSchema({"type": "object", "required": ["name", "wavelength"],
                     "properties": {"name": {"enum": materials.list()}}}),
 ]  # fmt: skip

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import Literal, NamedTuple, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -10,6 +10,8 @@ from pydantic import Field, model_validator
 from specklegen.core.arguments import real_array
 from specklegen.core.errors import reject
 from specklegen.core.quadrature import gauss_legendre
+from specklegen.core.quantities import with_units
+from specklegen.core.units import RADIAN
 from specklegen.core.values import Array, ComplexArray, remembered
 from specklegen.scene.scatterers.scatterer import Dimensions, Row, _WithAnisotropy
 
@@ -59,7 +61,7 @@ class Tabulated(_WithAnisotropy):
     """
 
     type: Literal["Tabulated"] = "Tabulated"
-    theta: Array
+    theta: Annotated[Array, RADIAN]
     amplitudes: ComplexArray = Field(alias="amplitude")
 
     @model_validator(mode="after")
@@ -82,7 +84,8 @@ class Tabulated(_WithAnisotropy):
         return self
 
     @classmethod
-    def from_power(cls, theta: np.ndarray, power: np.ndarray) -> Self:
+    @with_units
+    def from_power(cls, theta: Annotated[np.ndarray, RADIAN], power: np.ndarray) -> Self:
         """Make a particle of a phase function given at some angles: s is its root, so linear is the root.
 
         Parameters
