@@ -24,7 +24,7 @@ BIN = .venv/bin
 		$(BIN)/python -m compileall -qq .venv/lib/python3*/site-packages/torch; wait; touch $@; }
 
 .venv/installed-tests: .venv/installed
-	$(BIN)/pip install --quiet --editable ".[dev,digits,photographs,mie,dask,mesh,validate,parquet,remote,hdf5]"
+	$(BIN)/pip install --quiet --editable ".[dev,digits,photographs,mie,dask,mesh,validate,parquet,remote,hdf5,video]"
 	$(BIN)/python -m compileall -qq -j 0 .venv/lib/python3*/site-packages || true  # tests start many processes
 	touch $@
 

@@ -8,14 +8,18 @@ failed. A claim of the dead may stay, of the metadata that were whole: it is old
 """
 
 import argparse
+import contextlib
 import os
 import random
 import signal
+import socket
+import subprocess
+import sys
 import tempfile
+import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +34,7 @@ PUTS = 70
 """Puts and deletions of a call that begins and fills a store, about."""
 
 
-@contextmanager
+@contextlib.contextmanager
 def quick_claims() -> Iterator[None]:
     """Let claims of the dead count no more after a second."""
     before = locks.LOOK, locks.BEAT, locks.OLD
@@ -111,6 +115,19 @@ def bucket(room: Path) -> Callable[[int], Callable[[], Any]]:
     return lambda number: lambda: place(number)
 
 
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def _wait_for(port: int) -> None:
+    for _ in range(600):
+        with contextlib.suppress(ConnectionRefusedError), socket.create_connection(("127.0.0.1", port)):
+            return
+        time.sleep(0.1)
+
+
 def main() -> None:
     """Run the trials that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -122,21 +139,29 @@ def main() -> None:
         if not arguments.server:
             died = run(arguments.trials, bucket(Path(folder)), Path(folder), arguments.seed)
         else:
-            from moto.server import ThreadedMotoServer  # pyright: ignore[reportMissingImports]
             from upath import UPath
 
-            server = ThreadedMotoServer(port=0)
-            server.start()
-            host, port = server.get_host_and_port()
-            options = {"key": "any", "secret": "any", "endpoint_url": f"http://{host}:{port}"}
+            port = _free_port()
+            # A process of its own: one that is forked beside the server's threads would hold their connections open.
+            words = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+            server = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            options = {"key": "any", "secret": "any", "endpoint_url": f"http://127.0.0.1:{port}"}
             options["skip_instance_cache"] = True  # a system of its own, in every process
+            _wait_for(port)
             UPath("s3://bucket", **options).mkdir()
 
-            def place_of(number: int) -> Callable[[], Any]:
-                return lambda: UPath(f"s3://bucket/{number}/a.zarr", **options)
+            def reached(number: int) -> Any:
+                place = UPath(f"s3://bucket/{number}/a.zarr", **options)
+                place.fs.invalidate_cache()  # made here, or else once for every file of the store
+                return place
 
-            died = run(arguments.trials, place_of, Path(folder), arguments.seed)
-            server.stop()
+            def place_of(number: int) -> Callable[[], Any]:
+                return lambda: reached(number)
+
+            try:
+                died = run(arguments.trials, place_of, Path(folder), arguments.seed)
+            finally:
+                server.kill()
     print(f"{arguments.trials} trials of 1 to 3 processes, {died} of them killed, nothing lost")
 
 

@@ -154,6 +154,8 @@ class Specification(Registered, Pictured):
             reject("Recipe.exposure.oversampling", "1: pixels are integrated exactly", self.exposure.oversampling)
         if self.exposure is not None:
             self.exposure.require_light(int(np.prod(self.camera_shape)))
+            for camera in (self.exposure, *(self.bench.cameras if self.bench else ())):
+                camera.noise_map(self.camera_shape)
         for name in type(self).model_fields:
             part = getattr(self, name)
             if isinstance(part, Value) and is_own(type(part)) and not isinstance(part, Registered):

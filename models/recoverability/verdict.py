@@ -271,7 +271,7 @@ def _exposure(recipe: HiddenObject, pixels: float) -> tuple[float, float]:
         return float("inf"), float("inf")
     dark = camera.background + camera.dark_current * camera.exposure
     rounding = 0.0 if camera.bit_depth is None else camera.gain**2 / 12
-    noise = camera.photons + dark + camera.read_noise**2 + rounding
+    noise = camera.photons + dark + camera.electronics[3] ** 2 + rounding
     return pixels * camera.photons**2 / noise, max(camera.saturation - dark, 1e-6) / camera.photons
 
 

@@ -65,7 +65,7 @@ def _are_photographs(what: list[str]) -> bool:
     from specklegen.measured.files import FRAME_FILES
 
     first = Path(what[0])
-    frames = (*FRAME_FILES, ".jpg", ".jpeg")  # the last are refused by who reads them, with the reason
+    frames = (*FRAME_FILES, ".jpg", ".jpeg", ".mp4")  # the last are refused by who reads them, with the reason
     return len(what) > 1 or (what[0] not in recipe_names() and (
         first.suffix.lower() in frames or any(sign in what[0] for sign in "*?[") or first.is_dir()
     ))  # fmt: skip

@@ -15,7 +15,7 @@ EXTRAS = {
     "dask": "dask", "dask_jobqueue": "dask", "cloudpickle": "dask", "trimesh": "mesh", "mapbox_earcut": "mesh",
     "shapely": "mesh", "pyarrow": "parquet", "upath": "remote", "lightning": "lightning", "deepinv": "deepinv",
     "embreex": "validate", "treams": "validate", "marimo": "explore", "uvicorn": "explore", "h5py": "hdf5",
-    "xarray": "xarray",
+    "xarray": "xarray", "av": "video",
 }  # fmt: skip
 """The extra of this project that brings a package, by the name that one imports."""
 

@@ -26,7 +26,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from specklegen.core.arguments import instance, real_array, real_number
 from specklegen.core.errors import reject
@@ -34,7 +34,7 @@ from specklegen.core.random_streams import Stream, stream_key
 from specklegen.core.registered import Registered, member_of
 from specklegen.core.registry import Registry
 from specklegen.core.units import TIME
-from specklegen.core.values import NonNegative, Positive, PositiveInt
+from specklegen.core.values import Array, NonNegative, Positive, PositiveInt
 from specklegen.instrument.poisson import add_poisson_field
 from specklegen.kernels import quantiles
 
@@ -42,6 +42,12 @@ Words = Sequence[int]
 
 MOST_ELECTRONS = 1e15
 """Mean electrons of a pixel, at most: NumPy draws Poisson numbers of means up to 9e18; speckle has bright grains."""
+
+
+def _map(array: np.ndarray) -> np.ndarray:
+    if array.ndim != 2 or not array.size or (array < 0).any():
+        raise ValueError("an array [H, W] of numbers of at least 0")
+    return array
 
 
 class NoiseStreams(NamedTuple):
@@ -92,7 +98,7 @@ class Camera(Registered):
     dark_current, exposure
         Electrons a pixel and second, and seconds.
     read_noise
-        Standard deviation of the readout, electrons.
+        Standard deviation of the readout, electrons: of all pixels, or a map [H, W] of each, for frames of its shape.
     gain
         Electrons a count.
     full_well
@@ -122,7 +128,7 @@ class Camera(Registered):
     background: Annotated[float, Field(ge=0, le=MOST_ELECTRONS)] = 0.0
     dark_current: NonNegative = 0.0
     exposure: Annotated[Positive, TIME] = 1.0
-    read_noise: NonNegative = 0.0
+    read_noise: NonNegative | Annotated[Array, AfterValidator(_map)] = 0.0
     gain: Positive = 1.0
     full_well: Positive | None = None
     bit_depth: Annotated[int, Field(ge=1, le=16)] | None = 16
@@ -142,18 +148,30 @@ class Camera(Registered):
 
     def recorded(self, light: np.ndarray, keys: Sequence[tuple[int, int]]) -> np.ndarray:
         """Return counts of mean detected photons float64[..., H, W], at least 0, by the keys of the four noises."""
-        counts = counted(self.electronics, light, kernel_draws(keys, light.shape))
+        draws = kernel_draws(keys, light.shape)
+        counts = counted(self.electronics, light, draws, self.noise_map(light.shape[-2:]))
         return counts.astype(np.float32 if self.bit_depth is None else np.uint16)
 
     @property
     def electronics(self) -> list[float]:
         """Numbers behind the pixels: background, dark charge, full well, read noise, gain, offset, largest count.
 
-        The first four are in electrons; limits that the camera does not have are infinite.
+        The first four are in electrons, the read noise is the root mean square of its map; limits that the camera does
+        not have are infinite.
         """
         well = np.inf if self.full_well is None else self.full_well
         dark = self.dark_current * self.exposure
-        return [self.background, dark, well, self.read_noise, self.gain, self.offset, float(self.largest_count)]
+        read = float(np.sqrt(np.square(self.read_noise).mean())) if np.ndim(self.read_noise) else float(self.read_noise)
+        return [self.background, dark, well, read, self.gain, self.offset, float(self.largest_count)]
+
+    def noise_map(self, shape: tuple[int, ...]) -> np.ndarray | None:
+        """Return the map of the read noise, float64[H, W], None where it is one number; refuse other frames."""
+        if not isinstance(self.read_noise, np.ndarray):
+            return None
+        if self.read_noise.shape != tuple(shape):
+            reject("Camera.read_noise", f"one number, or a map of the shape of the frames, {tuple(shape)}",
+                   self.read_noise.shape, "Cut it to the part of the sensor that is used.")  # fmt: skip
+        return self.read_noise
 
     @property
     def largest_count(self) -> float:
@@ -181,7 +199,7 @@ class Camera(Registered):
         The photon transfer curve at the mean; saturation is left out.
         """
         rounding = 0.0 if self.bit_depth is None else 1 / 12
-        return ((mean - self.offset) / self.gain + (self.read_noise / self.gain) ** 2 + rounding) / mean**2
+        return ((mean - self.offset) / self.gain + (self.electronics[3] / self.gain) ** 2 + rounding) / mean**2
 
     @property
     def saturation(self) -> float:
@@ -239,11 +257,11 @@ def exposed(camera: Camera, image: np.ndarray, keys: Sequence[tuple[int, int]]) 
     return camera.recorded(light, keys)
 
 
-def counted(electronics: Sequence[float], light: Any, drawn: Callable[..., Any]) -> Any:
+def counted(electronics: Sequence[float], light: Any, drawn: Callable[..., Any], noise_map: Any = None) -> Any:
     """Return counts of mean detected photons float64[...], at least 0: an array of NumPy, or a tensor on any device.
 
     ``drawn(noise, mean)`` makes one Poisson number a pixel, of the noise 0 (shot), 1 (background) or 2 (dark current);
-    ``drawn(3)`` makes normal numbers of variance 1 (reading out).
+    ``drawn(3)`` makes normal numbers of variance 1 (reading out). ``noise_map`` is a read noise that is not one number.
     """
     background, dark, full_well, read_noise, gain, offset, largest = electronics
     charge = drawn(0, light)
@@ -252,7 +270,7 @@ def counted(electronics: Sequence[float], light: Any, drawn: Callable[..., Any])
             charge = charge + drawn(noise, mean)
     charge = charge.clip(max=full_well)
     if read_noise > 0:
-        charge = charge + read_noise * drawn(3)
+        charge = charge + (read_noise if noise_map is None else noise_map) * drawn(3)
     counts = charge / gain + offset
     return counts if largest == np.inf else counts.round().clip(0, largest)
 
@@ -374,4 +392,3 @@ def depolarised(image: ArrayLike, independent: ArrayLike, degree: float = 0.0) -
     if one.shape != other.shape:
         reject("depolarised images", "of one shape", (one.shape, other.shape))
     return incoherent_sum(np.stack([one, other]), [0.5 * (1 + degree), 0.5 * (1 - degree)])
-

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from specklegen.instrument.tiff import read_tiff, require_small
+from specklegen.instrument.videos import read_spe, read_video
 
 MOST_PIXELS = 2**28
 """Pixels of all frames of a file, at most: a minute of 2048 x 2048 at one a second."""
@@ -17,6 +18,8 @@ MOST_PIXELS = 2**28
 
 def read_frames(path: str | Path) -> np.ndarray:
     """Read raw counts[n, h, w]: a TIFF of one or many pages or planes, PNG, BMP, or an NPY of [h, w] or [n, h, w].
+
+    Also SPE files, and with the extra ``video`` films without loss (AVI, MKV, MOV; raw, FFV1, HuffYUV).
 
     Parameters
     ----------
@@ -29,6 +32,8 @@ def read_frames(path: str | Path) -> np.ndarray:
         If the file holds no grey frames, is compressed with loss, or is too large.
     OSError
         If it cannot be read.
+    ImportError
+        If it needs a library that is not installed.
 
     Examples
     --------
@@ -44,7 +49,7 @@ def read_frames(path: str | Path) -> np.ndarray:
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        raise ValueError(f"its name ends in none of {', '.join(s for s in _READERS if _READERS[s] is not _read_lossy)}")
+        raise ValueError(f"its name ends in none of {', '.join(SUFFIXES)}")
     frames = reader(path)
     if frames.ndim != 3 or frames.dtype.kind not in "buif" or not frames.size:
         raise ValueError(f"it holds {frames.dtype} of the shape {frames.shape}, not frames of grey counts")
@@ -75,10 +80,18 @@ def _read_numpy(path: Path) -> np.ndarray:
 
 
 def _read_lossy(path: Path) -> np.ndarray:
-    raise ValueError("JPEG is compressed with loss, which takes the noise: let the camera write TIFF, PNG or BMP")
+    raise ValueError("it is compressed with loss, which takes the noise: let the camera write TIFF, PNG or BMP")
+
+
+def _read_video(path: Path) -> np.ndarray:
+    return read_video(path, MOST_PIXELS)
 
 
 _READERS = {
     ".tif": _read_tiff, ".tiff": _read_tiff, ".png": lambda path: _read_common(path, "PNG"),
     ".bmp": lambda path: _read_common(path, "BMP"), ".npy": _read_numpy, ".jpg": _read_lossy, ".jpeg": _read_lossy,
+    ".mp4": _read_lossy, ".avi": _read_video, ".mkv": _read_video, ".mov": _read_video,
+    ".spe": lambda path: read_spe(path, MOST_PIXELS),
 }  # fmt: skip
+SUFFIXES = tuple(suffix for suffix, reader in _READERS.items() if reader is not _read_lossy)
+"""Endings of the names of files that are read."""

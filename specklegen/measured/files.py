@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import on_host
 from specklegen.core.errors import counted, reject
-from specklegen.instrument.frames import MOST_PIXELS, read_frames
+from specklegen.instrument.frames import MOST_PIXELS, SUFFIXES, read_frames
 from specklegen.measured.array_files import read_hdf5, read_matlab
 
 Source = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | ArrayLike
 """Files by path, folder or pattern, several of them, or an array [h, w] or [n, h, w]."""
 
 _ARRAY_FILES = {".h5": read_hdf5, ".hdf5": read_hdf5, ".mat": read_matlab}
-FRAME_FILES = (".tif", ".tiff", ".png", ".bmp", ".npy", *_ARRAY_FILES)
+FRAME_FILES = (*SUFFIXES, *_ARRAY_FILES)
 """Endings of the files that are taken from a folder."""
 
 LARGEST = 1e18

@@ -36,10 +36,12 @@ _HEAD = (
     "sample_index", "slide_index", "thickness", "slide_thickness", "beam_diameter", "standard",
 )  # fmt: skip
 _PARTS = ("diameter", "sample_port", "third_port", "detector_port", "wall")
-_IN_ORDER = ("reflection", "transmission", "collimated")
 _LETTERS = {
-    "r": "reflection", "t": "transmission", "u": "collimated", "l": "wavelength", "n": "sample_index", "w": "wall",
+    "r": "reflection", "t": "transmission", "u": "collimated", "w": "wall", "W": "transmission_wall",
+    "R": "standard", "T": "transmission_standard", "L": "wavelength", "n": "sample_index",
 }  # fmt: skip
+_SHARES = tuple(_LETTERS.values())[:7]
+"""Columns in the order of a file that counts them; the program tells small letters from capitals."""
 _ENOUGH = 1e-14
 _STEPS = 200
 
@@ -57,14 +59,14 @@ class Sphere(NamedTuple):
     sample_port, third_port, detector_port
         Diameters of the ports, mm.
     wall
-        Reflectance of the wall for diffuse light, 0 to 1.
+        Reflectance of the wall for diffuse light, 0 to 1; a number, or one for each sample.
     """
 
     diameter: Annotated[float, MILLIMETRES]
     sample_port: Annotated[float, MILLIMETRES]
     third_port: Annotated[float, MILLIMETRES]
     detector_port: Annotated[float, MILLIMETRES]
-    wall: float
+    wall: Any
 
     def landings(self, reflectance: np.ndarray | float, *, open_port: bool) -> np.ndarray:
         """Landings on the wall, per unit of light that a sample of that reflectance sends into the sphere.
@@ -111,7 +113,8 @@ class SphereReadings(Pictured):
     reflection_sphere, transmission_sphere : Sphere or None
     columns : dict of str to ndarray
         Raw readings float64[n] by name: "reflection", and perhaps "transmission", "collimated", "wavelength"
-        (nanometres), "sample_index".
+        (nanometres), "sample_index"; and what a sample has in the place of a number of the head: "wall" (of both
+        spheres), "transmission_wall", "standard", "transmission_standard" (not used: readings are over it already).
     dual_beam : bool
         Whether a second beam measured the brightness of the sphere with the sample in it.
     file : str
@@ -160,14 +163,21 @@ class SphereReadings(Pictured):
         through, straight = self.columns.get("transmission"), self.columns.get("collimated")
         if self.spheres == 0 or self.dual_beam or self.reflection_sphere is None or self.transmission_sphere is None:
             return Shares(raw, through, straight)
-        reference = self.reflection_sphere.landings(self.standard, open_port=True)
+        wall = self.columns.get("wall")
+        front, behind = (
+            sphere if own is None else sphere._replace(wall=own)
+            for sphere, own in (
+                (self.reflection_sphere, wall),
+                (self.transmission_sphere, self.columns.get("transmission_wall", wall)),
+            )
+        )
+        reference = front.landings(self.columns.get("standard", self.standard), open_port=True)
         share = raw
         for _ in range(_STEPS):
-            old, share = share, raw * reference / self.reflection_sphere.landings(share.clip(0, 1), open_port=True)
+            old, share = share, raw * reference / front.landings(share.clip(0, 1), open_port=True)
             if np.abs(share - old).max() < _ENOUGH:
                 break
         if through is not None:
-            behind = self.transmission_sphere
             through = through * behind.landings(0.0, open_port=False) / behind.landings(share, open_port=False)
         return Shares(share, through, straight)
 
@@ -213,7 +223,9 @@ def read_sphere(path: str | Path, *, dual_beam: bool = False) -> SphereReadings:
     A line "IAD1"; then, a number a line and # before what is to be passed over: index of the sample, of the slides,
     thickness of both and diameter of the beam in millimetres, reflectance of the standard, number of spheres; diameter,
     three ports and wall of the reflection sphere and of that for transmission; the number of readings a sample, or a
-    line of letters (r, t, u, and L for the wavelength, n for the index). Then a sample a line.
+    line of letters. Then a sample a line, in the order of the letters, or of the first of them as many as counted:
+    r, t, u, the readings; w, the walls; W, that of the transmission sphere; R, T, the standards. Letters alone name L,
+    the wavelength, which may stand before counted readings too, and n, the sample's index.
 
     Parameters
     ----------
@@ -298,17 +310,19 @@ def _names(
         reject(f"{owner}{lines[-1][0]},", "followed by readings", "the end of the file")
     number, cells = lines[rest]
     if any(_number(cell) is None for cell in cells):
-        unknown = [cell for cell in cells if cell.lower() not in _LETTERS]
+        unknown = [cell for cell in cells if cell not in _LETTERS]
         if unknown:
             reject(f"{owner}{number},", f"names of columns among {', '.join(_LETTERS)}", unknown[0])
-        names = tuple(_LETTERS[cell.lower()] for cell in cells)
+        names = tuple(_LETTERS[cell] for cell in cells)
         if len(set(names)) < len(names) or "reflection" not in names:
-            reject(f"{owner}{number},", "names of different columns, r among them", " ".join(cells))
+            reject(f"{owner}{number},", "names of different columns, r among them", " ".join(cells),
+                   "Small letters are readings, the capitals R and T standards.")  # fmt: skip
         return names, rest + 1
     readings = numbers[-1] if len(numbers) in (8, 18) else len(cells)
-    if readings not in (1, 2, 3):
-        reject(f"{owner}{number},", "1 to 3 readings a sample, or names of the columns before them", readings)
-    return _IN_ORDER[: int(readings)], rest
+    if readings not in range(1, 8):
+        reject(f"{owner}{number},", "1 to 7 numbers a sample, or names of the columns before them", readings)
+    names = _SHARES[: int(readings)]
+    return (("wavelength", *names) if len(cells) == readings + 1 else names), rest
 
 
 def _table(owner: str, lines: list[tuple[int, list[str]]], names: tuple[str, ...]) -> np.ndarray:
@@ -319,7 +333,7 @@ def _table(owner: str, lines: list[tuple[int, list[str]]], names: tuple[str, ...
             reject(f"{owner}{number},", f"{counted(len(names), 'number')}: {', '.join(names)}", " ".join(cells))
         row = [_finite(f"{owner}{number},", cell) for cell in cells]
         for name, value in zip(names, row, strict=True):
-            if name in _IN_ORDER and not 0 <= value <= 1:
+            if name in _SHARES and not 0 <= value <= 1:
                 reject(f"{owner}{number}, {name}", "a share of the light, from 0 to 1", value)
         rows.append(row)
     if not rows:

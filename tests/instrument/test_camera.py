@@ -77,6 +77,25 @@ def test_the_photon_transfer_test_has_power(wrong):
         all_levels()
 
 
+def test_read_noise_of_each_pixel():
+    """Pixels have the draws of a camera of one read noise, times their own; moments of each column by z-score."""
+    noise = np.tile(np.linspace(0.0, 12.0, 16), (512, 1))
+    camera = Camera(photons=100, read_noise=noise, bit_depth=None)
+    counts = expose(camera, np.ones((512, 16)), NoiseStreams.of(8))
+    for column in range(16):
+        assert_moments(counts[:, column], *exact_cumulants(camera.replace(read_noise=noise[0, column]), 1.0),
+                       comparisons=16)  # fmt: skip
+    with pytest.raises(AssertionError, match="z ="):  # a map that is upside down
+        assert_moments(counts[:, 0], *exact_cumulants(camera.replace(read_noise=12.0), 1.0), comparisons=16)
+    assert camera.noise(100.0) == pytest.approx((100 + np.square(noise).mean()) / 100**2)
+    counting = camera.replace(bit_depth=12)
+    for written in (Camera.from_toml(counting.to_toml()), Camera.from_json(counting.canonical_json())):
+        assert written == counting
+    assert_refused(lambda: expose(camera, np.ones((16, 512)), STREAMS), r"read_noise must be .* frames, \(16, 512\)")
+    for wrong in (-noise, noise[0], np.nan * noise):
+        assert_refused(lambda wrong=wrong: camera.replace(read_noise=wrong), r"Camera\.read_noise must be")
+
+
 def photon_transfer_slope(gain):
     """Slope of variance on mean with its standard error, least squares weighted by the variances' errors."""
     camera = Camera(photons=1000, read_noise=5, gain=gain, offset=100)

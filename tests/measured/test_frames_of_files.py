@@ -58,7 +58,36 @@ def write_array(folder):
     return COUNTS[0], COUNTS[:1]
 
 
-WRITERS = [write_bmp, write_png, write_lzw, write_tiff, write_numpy, write_matlab, write_array]
+def write_film(path, frames, codec, pixels, source):
+    """Write a film by FFmpeg, of frames whose pixels are of the type ``source``."""
+    av = pytest.importorskip("av")
+    with av.open(str(path), "w") as film:
+        stream = film.add_stream(codec, rate=10)
+        stream.height, stream.width, stream.pix_fmt = *frames.shape[1:3], pixels
+        for frame in frames:
+            film.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format=source)))
+        film.mux(stream.encode())
+    return path
+
+
+def write_raw_avi(folder):
+    grey = BYTES[..., :30]
+    return write_film(folder / "f.avi", np.repeat(grey[..., None], 3, -1), "rawvideo", "bgr24", "bgr24"), grey
+
+
+def write_ffv1(folder):
+    return write_film(folder / "f.mkv", COUNTS[..., :30], "ffv1", "gray16le", "gray16le"), COUNTS[..., :30]
+
+
+def write_spe(folder):
+    head = np.zeros(4100, np.uint8)
+    head[108], head[42], head[656], head[1446] = 3, 31, 24, 3  # uint16; columns, rows, frames
+    (folder / "f.spe").write_bytes(head.tobytes() + COUNTS.astype("<u2").tobytes())
+    return folder / "f.spe", COUNTS
+
+
+FILMS = [write_raw_avi, write_ffv1, write_spe]
+WRITERS = [write_bmp, write_png, write_lzw, write_tiff, write_numpy, write_matlab, write_array, *FILMS]
 
 
 @pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)
@@ -118,13 +147,24 @@ def test_hdf5_and_the_newest_matlab(h5py, tmp_path):
     assert np.array_equal(read_measurement(tmp_path / "b.mat", hot_pixels=False).light, COUNTS)
 
 
-def test_hdf5_without_its_library_names_the_extra(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "h5py", None)
-    (tmp_path / "a.h5").write_bytes(b"\x89HDF")
-    (tmp_path / "b.mat").write_bytes(b"MATLAB 7.3 MAT-file")
-    for name in ("a.h5", "b.mat"):
-        with pytest.raises(ImportError, match=re.escape('pip install "specklegen-torch[hdf5]"')):
+def test_files_without_their_library_name_the_extra(tmp_path, monkeypatch):
+    for library in ("h5py", "av"):
+        monkeypatch.setitem(__import__("sys").modules, library, None)
+    for name, extra in (("a.h5", "hdf5"), ("b.mat", "hdf5"), ("c.avi", "video")):
+        (tmp_path / name).write_bytes(b"MATLAB 7.3 MAT-file" + bytes(4100))
+        with pytest.raises(ImportError, match=re.escape(f'pip install "specklegen-torch[{extra}]"')):
             read_measurement(tmp_path / name)
+
+
+def test_films_of_colours_of_loss_and_in_the_clothes_of_others_are_refused(tmp_path):
+    colours = np.stack([BYTES[..., :30], BYTES[..., 1:], BYTES[..., :30]], -1)
+    films = ("a.avi", "rawvideo", "bgr24", "colours"), ("b.mov", "mjpeg", "yuvj420p", "loses")
+    for name, codec, pixels, told in films:
+        write_film(tmp_path / name, colours, codec, pixels, "bgr24")
+        assert_refused(lambda name=name: read_measurement(tmp_path / name), told)
+    write_ffv1(tmp_path)
+    (tmp_path / "list.avi").write_text("ffconcat version 1.0\nfile f.mkv\n")  # FFmpeg by itself would read f.mkv
+    assert_refused(lambda: read_measurement(tmp_path / "list.avi"), "It cannot")
 
 
 def test_one_of_several_arrays_is_named(tmp_path):
@@ -218,7 +258,10 @@ def write_hdf5(folder):
         file.create_dataset("frames", data=COUNTS, compression="gzip")
 
 
-@pytest.mark.parametrize("write", [write_bmp, write_png, write_lzw, write_tiff, write_numpy, write_matlab, write_hdf5])
+DAMAGED = [write_bmp, write_png, write_lzw, write_tiff, write_numpy, write_matlab, write_hdf5, *FILMS]
+
+
+@pytest.mark.parametrize("write", DAMAGED)
 def test_damaged_files_are_refused_or_read_and_nothing_else(write, tmp_path):
     """Bytes changed, cut off and doubled, 40 times a format: a RuleError or a Measurement."""
     write(tmp_path)

@@ -91,6 +91,27 @@ def test_columns_by_letters_by_number_and_without(tmp_path):
     assert corrected_before.plot().lines
 
 
+def test_capitals_name_walls_and_standards_of_each_sample(tmp_path):
+    """As one file a sample, whose head has its walls and its standard."""
+    rows = [(0.3, 0.4, 0.93, 0.90, 0.97, 0.5), (0.2, 0.5, 0.94, 0.96, 0.8, 0.5)]
+    lines = [" ".join(map(str, row)) for row in rows]
+    together = read_sphere(write(tmp_path, "r t w W R T", *lines))
+    assert list(together.columns)[2:] == ["wall", "transmission_wall", "standard", "transmission_standard"]
+    for n, (r, t, wall, behind, standard, _) in enumerate(rows):
+        sizes = ["100", "40", "30", "10"]
+        head = [*HEAD[:5], str(standard), "1", *sizes, str(wall), *sizes, str(behind)]
+        alone = read_sphere(write(tmp_path, "r t", f"{r} {t}", head=head)).corrected()
+        for one, both in zip(alone[:2], together.corrected()[:2], strict=True):
+            assert both[n] == pytest.approx(one[0], rel=1e-12)
+    by_number = read_sphere(write(tmp_path, "7", *[f"{500 + n} {r} {t} .1 {rest}" for n, (r, t, rest) in enumerate(
+        (r, t, " ".join(map(str, rest))) for r, t, *rest in rows)]))  # fmt: skip
+    assert by_number.columns["wavelength"].tolist() == [500.0, 501.0]
+    for share, expected in zip(by_number.corrected()[:2], together.corrected()[:2], strict=True):
+        assert np.array_equal(share, expected)
+    only = read_sphere(write(tmp_path, "r t w", *[" ".join(line.split()[:3]) for line in lines]))
+    assert np.abs(only.corrected().reflectance / together.corrected().reflectance - 1).max() > 1e-3
+
+
 def with_head(number, text):
     return [text if n == number else line for n, line in enumerate(HEAD)]
 
@@ -103,7 +124,8 @@ def with_head(number, text):
     (["r t", ".3 nan"], HEAD, "line 23, must be a finite number"),
     (["r"], HEAD, "readings must be at least one"),
     ([], HEAD, "followed by readings"),
-    (["4", ".3 .4 .5 .6"], HEAD, "1 to 3 readings"),
+    (["8", ".3 .4 .5 .6"], HEAD, "1 to 7 numbers"),
+    (["R T", ".3 .4"], HEAD, "line 22, must be names of different columns, r among"),
     (["r", ".3"], HEAD[:12], "line 16, must be a number of the head"),
     (["r", ".3"], with_head(0, "13.3"), "line 4, sample index must be from 0.1 to 10"),
     (["r", ".3"], with_head(2, "0"), "line 6, thickness must be greater than 0"),

@@ -26,19 +26,23 @@ def _shape(light: torch.Tensor, *_: object) -> torch.Tensor:
     return light.new_empty(light.shape, dtype=torch.float32)
 
 
-def _on_the_cpu(light: torch.Tensor, keys: torch.Tensor, electronics: list[float]) -> torch.Tensor:
+def _on_the_cpu(
+    light: torch.Tensor, keys: torch.Tensor, electronics: list[float], noise_map: torch.Tensor | None = None
+) -> torch.Tensor:
     counts = [
-        counted(electronics, image, kernel_draws(four, image.shape))
+        counted(electronics, image, kernel_draws(four, image.shape), None if noise_map is None else noise_map.numpy())
         for image, four in zip(light.numpy(), keys.tolist(), strict=True)
     ]
     return torch.from_numpy(np.stack(counts).astype(np.float32))
 
 
 @fused(
-    "exposed(Tensor light, Tensor keys, float[] electronics) -> Tensor", _shape, _on_the_cpu,
+    "exposed(Tensor light, Tensor keys, float[] electronics, Tensor? noise_map=None) -> Tensor", _shape, _on_the_cpu,
     stepwise="the mean of the counts, (light + background + dark charge) / gain + offset",
 )  # fmt: skip
-def exposed(light: torch.Tensor, keys: torch.Tensor, electronics: list[float]) -> torch.Tensor:
+def exposed(
+    light: torch.Tensor, keys: torch.Tensor, electronics: list[float], noise_map: torch.Tensor | None = None
+) -> torch.Tensor:
     """Counts float32[B, ...] of mean detected photons float64[B, ...].
 
     Parameters
@@ -49,6 +53,8 @@ def exposed(light: torch.Tensor, keys: torch.Tensor, electronics: list[float]) -
         Keys of shot noise, background, dark current and readout.
     electronics
         From :attr:`Camera.electronics`.
+    noise_map : float64[H, W], optional
+        The read noise of each pixel.
     """
     pixel = torch.arange(light[0].numel(), device=light.device)
     blocks = (pixel >> 1).expand(len(light), -1)
@@ -60,7 +66,7 @@ def exposed(light: torch.Tensor, keys: torch.Tensor, electronics: list[float]) -
             return normal_quantile(uniform)
         return poisson_quantile(mean if isinstance(mean, torch.Tensor) else torch.full_like(light, mean), uniform)
 
-    return counted(electronics, light, drawn).to(torch.float32)
+    return counted(electronics, light, drawn, noise_map).to(torch.float32)
 
 
 def expose(camera: Camera, images: torch.Tensor, keys: torch.Tensor) -> torch.Tensor:
@@ -85,5 +91,7 @@ def expose(camera: Camera, images: torch.Tensor, keys: torch.Tensor) -> torch.Te
                "Add their effect to specklegen.datasets.recipes.parts.exposure.")  # fmt: skip
     # Rounding may leave a dark pixel a little below 0.
     light = camera.photons * images.clamp(min=0).to(torch.float64)
-    counts = exposed(light, keys, camera.electronics)
+    noise_map = camera.noise_map(images.shape[-2:])
+    counts = exposed(light, keys, camera.electronics,
+                     None if noise_map is None else torch.tensor(noise_map, device=images.device))  # fmt: skip
     return counts if camera.bit_depth is None else counts.to(torch.uint16)

@@ -19,6 +19,7 @@ CAMERAS = {
                   full_well=1500.0, offset=50.0, bit_depth=12),
     "shot": Camera(photons=20.0, bit_depth=None),
     "bright": Camera(photons=1e5, background=800.0, read_noise=1.0),
+    "map": Camera(photons=20.0, read_noise=np.arange(33 * 35.0).reshape(33, 35) / 100, offset=50.0),
 }  # fmt: skip
 SEEN = {"exposure": {"photons": 200.0, "read_noise": 1.0}, "camera": {"shape": [16, 16]}}
 
@@ -29,8 +30,10 @@ def test_counts(name):
     images = torch.from_numpy(np.random.default_rng(0).exponential(size=(2, 3, 33, 35)).astype(np.float32))
     camera, streams = CAMERAS[name], [NoiseStreams.of(seed) for seed in (3, 4)]
     keys = torch.tensor([[stream_key(words, Stream.CAMERA) for words in each] for each in streams])
-    light, numbers = camera.photons * images.double(), camera.electronics
-    found, expected = FORMS["exposed"](light, keys, numbers), exposure.exposed(light, keys, numbers)
+    given = camera.photons * images.double(), keys, camera.electronics
+    noise_map = camera.noise_map((33, 35))
+    given += () if noise_map is None else (torch.tensor(noise_map),)
+    found, expected = FORMS["exposed"](*given), exposure.exposed(*given)
     assert ((found - expected).abs() > 1e-3).sum() <= 1
     counts = exposure.expose(camera, images, keys)
     assert counts.dtype == (torch.float32 if camera.bit_depth is None else torch.uint16)
