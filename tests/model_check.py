@@ -1,23 +1,30 @@
-"""Interleavings of writers, deaths and a reader at a fake object store: one operation at a time, in an order drawn.
+"""Interleavings of writers, deaths and a reader at a store: one operation at a time, in an order drawn.
 
-    python tests/model_check.py --schedules 10000
+    python tests/model_check.py --schedules 10000              at a fake object store
+    python tests/model_check.py --schedules 2000 --local       in a folder, whose locks are a fake's
+    python tests/model_check.py --schedules 2000 --local --unlockable       in one without locks
 
 Each writer is a thread that runs the real code; before every operation on the store (put, conditional put, list, read,
 deletion) and every wait the next thread is drawn. A dead writer does nothing any more, not even what stands in its
 ``finally``. Time goes on when all that live wait, so that claims of the dead grow old; where writers are stopped, it
-goes on at every wait, and living writers lose their claims too.
+goes on at every wait, and living writers lose their claims too. In a folder files are real ones, written in two halves
+and dated by the schedule's clock; the locks of the dead are free, as the system frees them.
 
 In every schedule no living writer fails, the reader reads right samples or none, and a last call ends with the bytes of
 an undisturbed store.
 """
 
 import argparse
+import os
 import random
+import shutil
+import tempfile
 import threading
 import time
 import types
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -35,6 +42,11 @@ from specklegen.datasets.store.shards import MissingSample
 from specklegen.datasets.store.verify import verify
 
 OPERATIONS = ("pipe_file", "cat_file", "find", "rm", "rm_file", "info", "open")
+IN_A_FOLDER = [
+    *((Path, name) for name in ("read_bytes", "replace", "rename", "unlink", "exists", "is_dir", "is_file", "stat")),
+    *((Path, name) for name in ("iterdir", "glob", "rglob", "mkdir", "write_bytes")),
+    (os, "open"), (os, "pread"), (os, "utime"), (shutil, "rmtree"),
+]  # fmt: skip
 SAMPLES = 3
 SHARD = 2
 LONGEST_WAIT = 4000.0
@@ -162,6 +174,65 @@ class Schedule:
             stack.enter_context(patch.object(locks, "threading", quiet))
             yield
 
+    @contextmanager
+    def in_a_folder(self, unlockable: bool) -> Iterator[None]:
+        """Put the schedule in the place of operations on files, of their dates and of locks."""
+        held: dict[tuple[int, int], int] = {}
+        close = os.close
+
+        def lock(descriptor: int, number: int, wait: bool) -> str:
+            key = os.fstat(descriptor).st_ino, number
+            while not unlockable:
+                self.step()
+                if held.setdefault(key, descriptor) == descriptor:
+                    return "held"
+                if not wait:
+                    return "busy"
+                self._sleep(1.0)
+            return "unlockable"
+
+        def closed(descriptor: int) -> None:
+            for key in [key for key, owner in held.items() if owner == descriptor]:
+                del held[key]
+            close(descriptor)
+
+        def dated(act: Callable) -> Callable:
+            def wrapped(path: Any, *arguments: Any, **options: Any) -> None:
+                act(path, *arguments, **options)
+                utime(path, (self.clock, self.clock))
+
+            return wrapped
+
+        def in_halves(path: Path, data: bytes) -> None:
+            for some in (data[: len(data) // 2], data):
+                self._here.inside = False
+                self.step()
+                self._here.inside = True
+                with open(path, "wb") as file:
+                    file.write(some)
+
+        utime = os.utime
+        quiet = types.SimpleNamespace(Event=threading.Event, Thread=_NoHeart)
+        with ExitStack() as stack:
+            ours = {"write_bytes": dated(in_halves), "mkdir": dated(Path.mkdir), "utime": dated(lambda path: None)}
+            for owner, name in IN_A_FOLDER:
+                act: Any = ours.get(name, getattr(owner, name))
+                if name in ("iterdir", "glob", "rglob"):
+                    act = _listed(act)
+                stack.enter_context(patch.object(owner, name, self.atomic(act)))
+            stack.enter_context(patch.object(os, "close", closed))
+            stack.enter_context(patch.object(locks, "_lock", lock))
+            stack.enter_context(patch.object(whole_files, "_time_in", lambda folder: self.clock))
+            for module in (creation, metadata, whole_files):
+                if hasattr(module, "time"):
+                    stack.enter_context(patch.object(module, "time", self.time))
+            stack.enter_context(patch.object(whole_files, "threading", quiet))
+            yield
+
+
+def _listed(act: Callable) -> Callable:
+    return lambda *arguments: iter([*act(*arguments)])
+
 
 class _NoHeart:
     """A heart that does not beat: claims grow old as time goes on."""
@@ -200,54 +271,79 @@ def read(place: Any) -> None:
 
 def contents(place: Any) -> dict[str, bytes]:
     """Every object of the store but claims."""
+    if isinstance(place, Path):
+        files = [file for file in place.rglob("*") if file.is_file()]
+        return {str(file.relative_to(place)): file.read_bytes() for file in files}
     start = len(place.path.rstrip("/")) + 1
     names = [name for name in place.fs.find(place.path) if "/claims/" not in name]
     return {name[start:]: place.fs.cat_file(name) for name in names}
 
 
-def reference() -> dict[int, dict[str, bytes]]:
+def reference(folder: Path | None = None) -> dict[int, dict[str, bytes]]:
     """Contents of undisturbed stores of each length."""
     stores = {}
     for samples in (SAMPLES, SAMPLES + 2):
-        place = UPath(f"memory://model/whole{samples}.zarr")
+        name = f"whole{samples}.zarr"
+        place = UPath(f"memory://model/{name}") if folder is None else folder / name
         write(place, samples)
         stores[samples] = contents(place)
     return stores
 
 
-def check(seed: int, whole: dict[int, dict[str, bytes]], ahead: bool = False, stopped: bool = False) -> None:
+def check(
+    seed: int, whole: dict[int, dict[str, bytes]], ahead: bool = False, stopped: bool = False, place: Any = None,
+    unlockable: bool = False,
+) -> None:  # fmt: skip
     """Run one schedule: two or three writers to one or two lengths, of which up to two die, and perhaps a reader."""
     draws = random.Random(seed)
-    place = UPath(f"memory://model/{seed}.zarr")
+    local = place is not None
+    place = UPath(f"memory://model/{seed}.zarr") if place is None else place
     lengths = [draws.choice([SAMPLES, SAMPLES + 2]) for _ in range(draws.choice([2, 2, 3]))]
     deaths = [draws.choice([0, draws.randint(1, 25), draws.randint(1, 140)]) for _ in lengths]
     works: list[Callable[[], None]] = [lambda samples=samples: write(place, samples) for samples in lengths]
     if draws.random() < 0.3:
         works.append(lambda: read(place))
         deaths.append(0)
+    if local:
+        deaths = [4 * death for death in deaths]
     schedule = Schedule(draws, deaths, stopped)
-    with schedule.installed():
-        if ahead and draws.random() < 0.5:
+    if local:
+        schedule.clock = time.time()  # the system dates folders itself
+    start = schedule.clock
+    with schedule.in_a_folder(unlockable) if local else schedule.installed():
+        if not local and ahead and draws.random() < 0.5:
             place.fs.pipe_file(f"{place.path}/valid/claims/1", f"{schedule.clock + 86400:.3f}".encode())
         schedule.run(works)
         for error in schedule.errors:
             if error is not None:
                 raise error
         longest = max(lengths)
+        if local:
+            schedule.clock += 2 * whole_files.AGE  # what the dead left is swept
         write(place, longest)
-        assert schedule.clock < 1e9 + LONGEST_WAIT, "waits for a dead claim for hours"
+        assert schedule.clock < start + LONGEST_WAIT + local * 2 * whole_files.AGE, "waits for a dead claim for hours"
     assert contents(place) == whole[longest], "other bytes"
     assert verify(place).sound
+    if local:
+        assert sorted(file.name for file in place.parent.iterdir()) == sorted([place.name, f"{seed}.card.md"])
+        shutil.rmtree(place.parent)
+        return
     place.fs.rm(place.path, recursive=True)
     place.with_name(f"{seed}.card.md").unlink()
 
 
-def run(schedules: int, seed: int = 0, ahead: bool = True, stopped: bool = False) -> dict[int, str]:
-    """Check schedules; return the words of those that broke a law, by their seed."""
-    whole, broken = reference(), {}
+def run(
+    schedules: int, seed: int = 0, ahead: bool = True, stopped: bool = False, folder: Path | None = None,
+    unlockable: bool = False,
+) -> dict[int, str]:  # fmt: skip
+    """Check schedules, at a fake object store or in a folder; return the words of those that broke a law, by seed."""
+    whole, broken = reference(folder), {}
     for number in range(seed, seed + schedules):
+        place = None if folder is None else folder / str(number) / f"{number}.zarr"
+        if place is not None:
+            place.parent.mkdir()
         try:
-            check(number, whole, ahead, stopped)
+            check(number, whole, ahead, stopped, place, unlockable)
         except Exception as error:
             broken[number] = f"{type(error).__name__}: {str(error)[:300]}"
     return broken
@@ -259,9 +355,13 @@ def main() -> None:
     parser.add_argument("--schedules", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--stopped", action="store_true", help="writers may be stopped for longer than claims last")
+    parser.add_argument("--local", action="store_true", help="in a folder")
+    parser.add_argument("--unlockable", action="store_true", help="in one whose files cannot be locked")
     arguments = parser.parse_args()
     begin = time.perf_counter()
-    broken = run(arguments.schedules, arguments.seed, stopped=arguments.stopped)
+    with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as folder:
+        broken = run(arguments.schedules, arguments.seed, stopped=arguments.stopped,
+                     folder=Path(folder) if arguments.local else None, unlockable=arguments.unlockable)  # fmt: skip
     for seed, words in [*broken.items()][:10]:
         print(seed, words)
     print(f"{arguments.schedules} schedules in {time.perf_counter() - begin:.0f} s, {len(broken)} break a law")

@@ -58,7 +58,7 @@ def opened(
             _create(recipe, wanted, folder, samples, shard_samples, notes)
     store = Store(folder)
     require_same(store, wanted)
-    return store
+    return grown(store, store.samples) if store.metadata.faults else store
 
 
 def open_for(
@@ -136,12 +136,17 @@ def _require_same(folder: Path, attributes: Mapping[str, Any], wanted: Mapping[s
 def grown(store: Store, samples: int) -> Store:
     """Make room for more samples, and open the store anew; see :mod:`specklegen.datasets.store.metadata`.
 
-    Where locks exclude nobody, others may do so at the same time, to other lengths: the longest is agreed on.
+    Where locks exclude nobody, others may do so at the same time, to other lengths: the longest is agreed on. At an
+    address a process that was stopped for longer than its claim lasts may still state its shorter length late.
     """
-    with writing(store.folder), store.claimed_metadata():
-        now = metadata.read(store.folder)
-        _grow(store.folder, now, max(samples, now.room) if max(samples, now.room) > now.samples else None)
-    return Store(store.folder)
+    while True:
+        with writing(store.folder), store.claimed_metadata():
+            now = metadata.read(store.folder)
+            wanted = max(samples, now.room)
+            _grow(store.folder, now, wanted if wanted > now.samples or now.faults else None)
+        store = Store(store.folder)
+        if store.samples >= samples:
+            return store
 
 
 def _grow(folder: Path, now: metadata.Metadata, wanted: int | None) -> None:
@@ -168,8 +173,9 @@ def mend_metadata(folder: Path, recipe: Renderable) -> str:
         (folder / "valid").mkdir(exist_ok=True)
     with writing(folder), claim_metadata(folder):
         try:
-            metadata.read(folder)
-            return ""
+            damage = "; ".join(metadata.read(folder).faults)
+            if not damage:
+                return ""
         except RuleError as fault:
             damage = str(fault)
         attributes, samples = metadata.stated(folder)

@@ -143,6 +143,8 @@ def generate(
         raise GenerationError(
             f"{len(failures)} of {counted(len(shards), 'shard')} failed; the others are stored.\n{shown}"
         )
+    if is_remote(store.folder) and Store(store.folder).samples < samples:
+        grown(store, samples)
     return info(store.folder, shards if parts > 1 else None) | {"rendered": rendered}
 
 

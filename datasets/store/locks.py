@@ -108,7 +108,8 @@ def claim_object(file: Any, wait: bool = False) -> Iterator[LockState]:
     was watched for as long, whatever the clock of a machine that was killed. An old claim is not deleted, since two may
     see that it is old: the first to put the next generation of it, ``NAME.1``, holds it, and deletes both in the end.
     Two may hold one claim where a clock is minutes late, a living process is stopped for longer than its claim lasts,
-    or the file system knows no conditional put.
+    or the file system knows no conditional put. Then work is done twice, with the same bytes, and a length of the store
+    may be stated late (see :class:`~specklegen.datasets.store.metadata.Metadata`); nothing is lost.
     """
     watched: dict[Any, tuple[bytes, float]] = {}
     old: list[tuple[Any, bytes]] = []  # generations before, as they were when they were seen to be old

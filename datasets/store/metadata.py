@@ -7,6 +7,7 @@ A store grows in this order: the record says to what length, the arrays follow, 
 So a kill in between leaves arrays of the old or of the new length, and nothing else passes.
 """
 
+import dataclasses
 import hashlib
 import json
 import time
@@ -45,11 +46,15 @@ class Metadata:
         Samples that it is being made room for; equal to ``samples`` unless a call is growing it, or died at it.
     files : dict
         What each ``zarr.json`` says, by its path in the store; lengths along the samples are left out.
+    faults : tuple of str
+        Arrays at an address whose ``zarr.json`` states another length: a process that was stopped for longer than its
+        claim lasts wrote it late. The record holds; the next call that opens the store for writing mends it.
     """
 
     samples: int
     room: int
     files: Mapping[str, Any]
+    faults: tuple[str, ...] = ()
 
     @property
     def attributes(self) -> dict[str, Any]:
@@ -72,7 +77,7 @@ class Metadata:
 
     def replace(self, **lengths: int) -> Self:
         """Return the metadata of a store of other lengths."""
-        return type(self)(**{"samples": self.samples, "room": self.room} | lengths, files=self.files)
+        return dataclasses.replace(self, faults=(), **lengths)
 
     def write(self, folder: Path, new: bool = False) -> None:
         """Write the record; one that is ``new`` leaves a record that is there as it is."""
@@ -152,7 +157,10 @@ def read(folder: Path) -> Metadata:
                    "A call of generate is beginning it, or was killed at it: run generate again.")  # fmt: skip
         if _bytes(_record(folder)) != data:
             continue  # another call is growing it, or, if lengths alone differ, may be
-        wait = next(waits, None) if all("(length" in fault for fault in faults) else None
+        only_lengths = all("(length" in fault for fault in faults)
+        if only_lengths and there is not None and is_remote(folder):
+            return Metadata(there.samples, there.room, there.files, tuple(faults))
+        wait = next(waits, None) if only_lengths else None
         if wait is None:
             reject("store metadata", f"as written when the store was made, in {folder}", "; ".join(faults), _REMEDY)
         time.sleep(wait)

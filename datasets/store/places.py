@@ -17,8 +17,6 @@ from specklegen.core.whole_files import patiently, write_whole
 class File(Protocol):
     """An open file, read in parts."""
 
-    size: int
-
     def part(self, start: int, length: int) -> bytes:
         """Bytes from ``start`` on."""
         ...
@@ -130,9 +128,12 @@ def length(file: Any) -> int:
         return 0
 
 
-def opened(file: Any) -> File:
-    """Open a file for reading in parts; FileNotFoundError if there is none."""
-    return RemoteFile(file) if is_remote(file) else LocalFile(file)
+def opened_at_tail(file: Any, length: int) -> tuple[File, bytes]:
+    """Open a file for reading in parts, and read its last bytes in one request; FileNotFoundError if there is none."""
+    if is_remote(file):
+        return RemoteFile(file), file.fs.cat_file(file.path, start=-length)
+    local = LocalFile(file)
+    return local, local.part(max(0, local.size - length), length)
 
 
 class LocalFile:
@@ -152,11 +153,10 @@ class LocalFile:
 
 
 class RemoteFile:
-    """A file of another file system; each part is one request."""
+    """A file of another file system; each part is one request, between which it may be replaced."""
 
     def __init__(self, file: Any) -> None:
         self._system, self._path = file.fs, file.path
-        self.size = int(self._system.size(self._path))
 
     def part(self, start: int, length: int) -> bytes:
         """Bytes from ``start`` on."""

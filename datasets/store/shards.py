@@ -21,7 +21,7 @@ from numcodecs import Blosc
 from specklegen.core.errors import ToldError
 from specklegen.core.whole_files import patiently
 from specklegen.datasets.store.encoding import ABSENT
-from specklegen.datasets.store.places import File, content, opened
+from specklegen.datasets.store.places import File, content, is_remote, opened_at_tail
 
 _OPEN_FILES = 32
 _BLOSC = Blosc()
@@ -124,7 +124,13 @@ class ShardFiles:
             If the sample was never written, or its bytes are not those that were written.
         """
         file = self.file(sample // self._shard_samples)
-        data = _checked(patiently(lambda: self._chunk(sample)), file)
+        try:
+            data = _checked(patiently(lambda: self._chunk(sample)), file)
+        except DamagedShard:
+            if not is_remote(file):
+                raise
+            self.close()  # where it was replaced since its index was read, the other one's is read now
+            data = _checked(patiently(lambda: self._chunk(sample)), file)
         # What it says that it unpacks to: a kilobyte of a stranger's would otherwise be let grow to gigabytes.
         if (_unpacked_length(data) if self._compressed else len(data)) != self._bytes:
             raise ForeignShard(f"{file} holds samples of another size; mend the store with verify --repair")
@@ -176,11 +182,10 @@ class ShardFiles:
     def _opened(self, shard: int) -> _OpenShard:
         file, length = self.file(shard), 16 * self._shard_samples + 4
         try:
-            handle = patiently(lambda: opened(file))
+            handle, tail = patiently(lambda: opened_at_tail(file, length))
         except FileNotFoundError:
             raise MissingSample(f"{file} is not there") from None
         try:
-            tail = handle.part(max(0, handle.size - length), length)
             return _OpenShard(handle, np.frombuffer(_checked(tail, file), "<u8").reshape(-1, 2), file)
         except BaseException:
             handle.close()

@@ -63,6 +63,7 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
     """
     metadata_damage = mend_metadata(place_of(folder), repair) if repair is not None else ""
     store = Store(folder)
+    metadata_damage = metadata_damage or "; ".join(store.metadata.faults)
     stated = store.attributes["identity"]
     if repair is not None:
         require_same(store, identity(repair, stated["seed"], stated["split"], stated["dtype"]))
