@@ -19,7 +19,7 @@ from specklegen.datasets.distributions import Draw, ends, require_above
 from specklegen.datasets.objects import AnyFamily
 from specklegen.datasets.recipes.media import DrawnMedia, MediumView
 from specklegen.datasets.recipes.parts.light import Lit
-from specklegen.datasets.recipes.parts.viewing import Viewing
+from specklegen.datasets.recipes.parts.viewing import LEAST_PIXELS, Viewing
 from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.recipes.specification import PARAMETERS
 from specklegen.datasets.sample_schema import ArraySpec
@@ -103,6 +103,7 @@ class HiddenObject(Recipe):
 
     on_benches: ClassVar[bool] = True
     looked_up: ClassVar[bool] = True
+    fewest_pixels: ClassVar[float] = LEAST_PIXELS
     kind: Literal["hidden-object"] = "hidden-object"
     objects: AnyFamily
     field: ObjectField | None = None

@@ -383,7 +383,7 @@ class RecipeMedia(Specification):
             pitch = self.wavelength / (width * self.camera.pixels_per_grain)
         bound = self._most_cells if drawn.device.type != "cpu" or self._on_one_grid else None
         return Sight(wavelength=self.wavelength, profile=self.profile, shape=shape, camera=self.camera_shape,
-                     center=(0.0, 0.0), integrated=self.lab is not None or self.exposure is not None, width=width,
+                     center=(0.0, 0.0), integrated=self.pixel_integration, width=width,
                      object_pitch=object_pitch, camera_pitch=pitch, base=base, bound=bound)  # fmt: skip
 
     @property

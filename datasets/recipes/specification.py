@@ -29,7 +29,7 @@ from specklegen.datasets.recipes.parts.light import MEDIUM_PURPOSES, Light
 from specklegen.datasets.recipes.parts.material import Estimator, Material
 from specklegen.datasets.recipes.parts.preset import PresetMaterial
 from specklegen.datasets.recipes.parts.sampler import NUMBERS, RecipeSampler
-from specklegen.datasets.recipes.parts.viewing import CameraGrid, Lab, Viewing, Window
+from specklegen.datasets.recipes.parts.viewing import LEAST_POINTS, CameraGrid, Lab, Viewing, Window
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import SPLITS, Purpose, medium_of, split_number
 from specklegen.instrument.camera import AnyCamera
@@ -105,6 +105,7 @@ class Specification(Registered, Pictured):
     sampler: RecipeSampler = "auto"
     strict: bool = False
     kind: Any = None
+    fewest_pixels: ClassVar[float] = LEAST_POINTS  # in a grain
     engine_terms: ClassVar[tuple[str, ...]] = ("material.wavelength", "window", "camera")
     """What takes the place of a lab."""
     polarises: ClassVar[bool] = False
@@ -150,6 +151,9 @@ class Specification(Registered, Pictured):
                    "Give one of window.width and field.pixels.")  # fmt: skip
         if self.bench is not None:
             self._check_bench(self.bench)
+        if self.camera is not None and self.camera.pixels_per_grain < self.fewest_pixels:
+            reject("CameraGrid.pixels_per_grain", f"at least {self.fewest_pixels:g} in recipes of this kind",
+                   self.camera.pixels_per_grain, "Finer speckle is undersampled.")  # fmt: skip
         if self.exposure is not None and self.exposure.oversampling != 1:
             reject("Recipe.exposure.oversampling", "1: pixels are integrated exactly", self.exposure.oversampling)
         if self.exposure is not None:
@@ -330,7 +334,13 @@ class Specification(Registered, Pictured):
         assert self.camera is not None
         wavelength = self.wavelength
         grid = FarFieldGrid(shape=self.camera.shape, pitch=wavelength / (width * self.camera.pixels_per_grain))
-        return Viewing(wavelength, width, self.profile, grid, self.wavenumber_bandwidth, self.exposure is not None)
+        return Viewing(wavelength, width, self.profile, grid, self.wavenumber_bandwidth, self.pixel_integration)
+
+    @property
+    def pixel_integration(self) -> bool:
+        """Whether pixels average over their area: in a laboratory, with an exposure, where points would be too few."""
+        few = self.camera is not None and self.camera.pixels_per_grain < LEAST_POINTS
+        return self.lab is not None or self.exposure is not None or few
 
     @property
     def wavenumber_bandwidth(self) -> float:

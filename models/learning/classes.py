@@ -102,7 +102,7 @@ def classes_by_law(images: Tensor, recipe: HiddenObject, *, samples: int = SAMPL
                {name: values.tolist() for name, values in settings.items() if len(values) > 1})  # fmt: skip
     wavelength, width, camera, pitch = (float(values[0]) for values in settings.values())
     grain = wavelength / width / camera
-    one = Optics(pitch / camera, grain, recipe.profile, recipe.exposure is not None)
+    one = Optics(pitch / camera, grain, recipe.profile, recipe.pixel_integration)
     seen = seen_by_camera(images[:, None].float(), torch.full((len(images),), grain), None, recipe.exposure or "none")
     law = SpeckleLikelihood(seen, recipe.objects.shape, one)
     power = law.power[:, law.used[0]]

@@ -44,5 +44,5 @@ def measured(batch: Mapping[str, Any], recipe: HiddenObject) -> tuple[Periodogra
         own = {key: float(values[n]) for key, values in drawn.items()}
         correlation = recipe.material.known(recipe.material.slab_of(own)).correlation
         memory.append(memory_effect_of(correlation, own["wavelength"], own["object_pitch"]))
-    optics = Optics(step.float(), grain.float(), recipe.profile, recipe.exposure is not None)
+    optics = Optics(step.float(), grain.float(), recipe.profile, recipe.pixel_integration)
     return seen_by_camera(images, grain, camera=recipe.exposure or "none", profile=recipe.profile), optics, memory

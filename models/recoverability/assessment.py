@@ -274,7 +274,8 @@ def reconstruct_and_assess(
         own = _with_curve(own, instance("reconstruct_and_assess memory_effect", memory_effect, MeasuredCurve))
     solver = solver or load_solver()
     grain = torch.full((len(images),), float(own.optics.grain))
-    seen = seen_by_camera(images, grain, camera=setup.exposure or "unknown")
+    disc = "disc" if own.optics.profile == "disc" else None  # whose corners hold noise alone; of others the images tell
+    seen = seen_by_camera(images, grain, camera=setup.exposure or "unknown", profile=disc)
     memory = [own.memory_effect] * len(images)
     fitted = None
     if fit if fit is not None else not own.known and len(images) >= _FEWEST:

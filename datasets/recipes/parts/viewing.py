@@ -35,8 +35,11 @@ class Window(Value):
     profile: Profile = "square"
 
 
-LEAST_PIXELS = 2.0
-"""Camera pixels per speckle grain, at least: fewer undersample the speckle."""
+LEAST_PIXELS = 1.6
+"""Camera pixels per speckle grain, at least: from there on camera noise can be read off an image behind a disc, and
+phase retrieval and the solver reconstruct as well as at 2.5 (docs/recipes.md)."""
+LEAST_POINTS = 2.0
+"""The same of pixels without an area, of which fewer undersample the speckle."""
 
 
 class CameraGrid(Value):
@@ -47,7 +50,8 @@ class CameraGrid(Value):
     shape
         (rows, columns).
     pixels_per_grain
-        Pixels per speckle grain (wavelength / width); at least 2, below which intensities are undersampled.
+        Pixels per speckle grain (wavelength / width); at least 1.6 of hidden objects, 2 of other kinds. Below 2 a pixel
+        averages over its area, as it does with an exposure.
     """
 
     shape: tuple[PositiveInt, PositiveInt]

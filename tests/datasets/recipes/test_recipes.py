@@ -168,7 +168,8 @@ def test_windows_are_fitted_to_the_object():
     ("through-slab", {"field": {"pitch": 1e-6}}, "given by one of pitch and extent_over_range"),
     ("through-slab", {"field": {"extent_over_range": {"uniform": [0.0, 1.0]}}}, "greater than 0"),
     ("dynamic-slab", {"dynamics": {"correlation_time": {"uniform": [0.0, 1.0]}}}, "greater than 0"),
-    ("through-slab", {"camera": {"pixels_per_grain": 1.9}}, "CameraGrid.pixels_per_grain must be at least 2"),
+    ("through-slab", {"camera": {"pixels_per_grain": 1.59}}, "CameraGrid.pixels_per_grain must be at least 1.6"),
+    ("tilt-stack", {"camera": {"pixels_per_grain": 1.9}}, "must be at least 2 in recipes of this kind"),
     ("through-slab", {"kind": "fog"}, "recipe.kind must be one of"),
 ])  # fmt: skip
 def test_bad_recipes_are_refused(name, changes, message):

@@ -1,6 +1,7 @@
 """Recipes with units and in pixels are those in plain numbers; what is no unit is refused by what was written."""
 
 import math
+from pathlib import Path
 
 import pytest
 
@@ -8,7 +9,9 @@ from specklegen.core.errors import RuleError
 from specklegen.core.units import LENGTH, RADIAN, SINE, quantity
 from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.multi_image import DynamicSlab
+from specklegen.datasets.recipes.parts.viewing import LEAST_PIXELS
 from specklegen.datasets.recipes.recipe_files import RecipeFile, recipe_table
+from specklegen.datasets.recipes.registry import recipe_schema
 from specklegen.datasets.recipes.written_units import plain
 from specklegen.instrument import LabSetup
 
@@ -193,6 +196,13 @@ def test_a_setup_in_pixels():
     assert again.window.profile == "gaussian"
 
 
+def test_the_least_grain_is_one_number_in_page_schema_and_error():
+    schema = recipe_schema("hidden-object")["$defs"]["CameraGrid"]["properties"]["pixels_per_grain"]
+    assert schema["minimum"] == LEAST_PIXELS == 1.6
+    page = (Path(__file__).parents[3] / "docs/recipes.md").read_text()
+    assert f"# camera pixels; at least {LEAST_PIXELS:g}\n" in page
+
+
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
@@ -208,7 +218,7 @@ def test_a_setup_in_pixels():
         ({"material": {"screens": [{"type": "GroundGlass", "angle": {"uniform": ["1 mm", "2 mm"]}}]}},
          "angle.uniform.0 must be a direction sine, or an angle"),
         ({"pixels": {"grain": 3.0, "shape": [64, 64]}}, "Pixels.object_pixel must be given"),
-        ({"pixels": {"grain": 1.5, "object_pixel": 1.0, "shape": [64, 64]}}, "Pixels.grain must be at least 2"),
+        ({"pixels": {"grain": 1.59, "object_pixel": 1.0, "shape": [64, 64]}}, "Pixels.grain must be at least 1.6"),
         ({"pixels": {"grain": 3.0, "object_pixel": 0, "shape": [64, 64]}}, "Pixels.object_pixel must be greater"),
         ({"pixels": {"grains": 3.0}}, "Pixels must be given by grain"),
         ({"pixels": 3.0}, "Recipe.pixels must be a table"),
