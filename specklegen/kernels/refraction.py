@@ -68,7 +68,8 @@ def fly_layers(indices, extinction, edges, walls, layer, ray, target, key, path,
         x, y, z, target, flown = x + far * dx, y + far * dy, face, target - depth, flown + here * far
         beyond = layer + 1 if dz > 0.0 else layer - 1
         if 0 <= beyond < indices.shape[0]:
-            back = fresnel(abs(dz), here, indices[beyond])
+            s, p = fresnel(abs(dz), here, indices[beyond])
+            back = 0.5 * (s + p)
         else:
             back = reflectance(abs(dz), here, exit_wall if dz > 0.0 else entrance, outside)
         if back > 0.0:

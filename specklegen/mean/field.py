@@ -25,7 +25,7 @@ from specklegen.core.shielded import shielded
 from specklegen.kernels import mean_integrals
 from specklegen.mean.finite import scattered_mean
 from specklegen.paths.endpoints import light_endpoints, view_endpoints
-from specklegen.paths.faces import reflectance
+from specklegen.paths.faces import both_reflectances, reflectance
 from specklegen.paths.lit_plane import lens_of
 from specklegen.paths.steps import refracting_layers, straight_light
 from specklegen.paths.volumes import volume_of
@@ -117,7 +117,7 @@ def _layer(scene: Scene, beams: CollimatedBeams) -> np.ndarray:
         turns = difference @ _walked_off(scene, direction)
         pattern = beams.window.transform(*difference[:, :-1].T)
         attenuation = np.exp(-0.5 * depth)
-        crossed = np.sqrt(_crossing(scene, direction[-1:]) * _crossing(scene, views[:, -1]))
+        crossed = np.sqrt((_crossing(scene, direction[-1:]) * _crossing(scene, views[:, -1])).mean(axis=0))
         obliquity = np.sqrt(direction[-1])  # face area to cross section
         scale = obliquity * attenuation / wavelength ** (difference.shape[-1] / 2 - 0.5)
         tilt[...] = np.where(views[:, -1] > 0, scale * crossed * pattern * np.exp(2j * np.pi * turns), 0)
@@ -144,7 +144,7 @@ def ballistic_fraction(scene: Scene) -> float:
         return float(np.exp(-scene.optical_depth))
     steepest = directions[:, -1].argmax()
     straight = float(np.exp(-_depths(scene)[steepest]))
-    return straight * float(_crossing(scene, directions[steepest, -1:])[0]) ** 2
+    return straight * float(np.square(_crossing(scene, directions[steepest, -1:])).mean())
 
 
 def straight_through(slab: Slab) -> float:
@@ -155,10 +155,10 @@ def straight_through(slab: Slab) -> float:
 
 
 def _crossing(scene: Scene, cosines: np.ndarray) -> np.ndarray:
-    """1 - R float64[n] of a slab's faces at cosines inside; 1 without faces. Of layers the root of all of theirs."""
+    """1 - R_s and 1 - R_p float64[2, n] at cosines inside; 1 without faces. Of layers the root of all, [1, n]."""
     if scene.refracts_inside:
-        return np.sqrt(straight_light(scene.slab, np.sqrt(np.maximum(1 - np.square(cosines), 0.0))).let_through)
-    return 1 - reflectance(scene.medium.faces, cosines)
+        return np.sqrt(straight_light(scene.slab, np.sqrt(np.maximum(1 - np.square(cosines), 0.0))).let_through)[None]
+    return 1 - both_reflectances(scene.medium.faces, cosines)
 
 
 def _walked_off(scene: Scene, direction: np.ndarray) -> np.ndarray:

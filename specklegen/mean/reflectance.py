@@ -6,7 +6,9 @@ Radiative transfer without interference, by paths that go as light goes (:mod:`s
 slab the unscattered parts are closed forms, and paths that scatter stand for the rest: with r the reflectance of a face
 and b = e^(-OD / mu) inside,
 
-    T_ballistic = (1 - r)^2 b / (1 - r^2 b^2),     R_specular = r + (1 - r)^2 r b^2 / (1 - r^2 b^2).
+    T_ballistic = (1 - r)^2 b / (1 - r^2 b^2),     R_specular = r + (1 - r)^2 r b^2 / (1 - r^2 b^2),
+
+means over both polarisations, which keep to themselves.
 
 Of layers whose indices differ they are the sums of :mod:`specklegen.paths.steps`. What is left is absorbed,
 A = 1 - R - T, exactly. Definitions and figures: van de Hulst, *Multiple Light Scattering*
@@ -30,7 +32,7 @@ from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.units import RADIAN
 from specklegen.kernels.analog_walk import ENTRANCE, FAR, SIDE
 from specklegen.paths.analog_walk import Exits, require_walkable, walk
-from specklegen.paths.faces import reflectance
+from specklegen.paths.faces import both_reflectances
 from specklegen.paths.steps import end_indices, optics, unscattered
 from specklegen.scene.media import Medium, PlaneMedium, require_medium
 from specklegen.scene.polarisation import require_scalar
@@ -229,9 +231,9 @@ def _unscattered(medium: PlaneMedium, angle: float, cosine: float) -> tuple[floa
     """
     if medium.indices:
         return unscattered(optics(medium), float(np.sin(angle)))
-    r, b = float(reflectance(medium.faces, np.array([cosine]))[0]), float(np.exp(-medium.optical_depth / cosine))
+    r, b = both_reflectances(medium.faces, np.array(cosine)), float(np.exp(-medium.optical_depth / cosine))
     echoes = (1 - r) ** 2 * b / (1 - (r * b) ** 2)
-    return r + r * b * echoes, echoes
+    return float((r + r * b * echoes).mean()), float(echoes.mean())
 
 
 def _total(weights: Any, straight: Any, least: float) -> Share:

@@ -1,9 +1,9 @@
 """What a connection gains and loses where its legs cross or meet the faces of a slab.
 
-    A_i -> A_i sqrt(1 - R(i)) R(i)^(m/2),     B_v -> B_v sqrt(1 - R(v)) R(v)^(m'/2)
+    |A_i|^2 -> |A_i|^2 <(1 - R(i)) R(i)^m>,     |B_v|^2 -> |B_v|^2 <(1 - R(v)) R(v)^m'>
 
-m, m' are the reflections of the first and the last leg, R that of unpolarised light
-(:mod:`specklegen.kernels.fresnel`). The factors are symmetric, so reciprocity holds, and with them |u|^2 stays per
+m, m' are the reflections of the first and the last leg; the mean is over both polarisations, which light keeps along a
+leg (:mod:`specklegen.kernels.fresnel`). The factors are symmetric, so reciprocity holds, and with them |u|^2 stays per
 steradian *inside*; outside it is cos(theta_out) / (n^2 cos(theta_in)) times that. Phases of reflections go into the
 random phase of the connection, which each (m, m') has for itself. Polarised light has roots of 1 - R and of R for
 its field along the plane of incidence, and others for that across it (:func:`crossing_matrices`). Legs that were
@@ -20,16 +20,21 @@ from specklegen.kernels.fresnel import amplitudes, reflectances
 from specklegen.scene.faces import Faces
 from specklegen.scene.media import PlaneMedium
 
-MOST_IMAGES = 7
+MOST_IMAGES = 15
 _LEFT_OUT = 1e-4  # of the light of an end, in reflections that are not followed
 
 
-def reflectance(faces: Faces, cosines: np.ndarray) -> np.ndarray:
-    """R float64[...] at cosines inside, float64[...] of either sign."""
+def both_reflectances(faces: Faces, cosines: np.ndarray) -> np.ndarray:
+    """R_s and R_p float64[2, ...] at cosines inside, float64[...] of either sign."""
     flat = np.abs(np.asarray(cosines, np.float64)).ravel()
-    out = np.empty(flat.size)
+    out = np.empty((2, flat.size))
     reflectances(flat, *faces.indices, out)
-    return out.reshape(np.shape(cosines))
+    return out.reshape(2, *np.shape(cosines))
+
+
+def reflectance(faces: Faces, cosines: np.ndarray) -> np.ndarray:
+    """R of unpolarised light float64[...] at cosines inside, float64[...] of either sign."""
+    return both_reflectances(faces, cosines).mean(axis=0)
 
 
 def images(medium: PlaneMedium, directions: np.ndarray) -> int:
@@ -37,7 +42,8 @@ def images(medium: PlaneMedium, directions: np.ndarray) -> int:
     if medium.faces.matched or not len(directions):
         return 0
     cosines = np.abs(directions[:, 2])
-    share = float((reflectance(medium.faces, cosines) * np.exp(-medium.optical_depth / cosines)).max())
+    back = both_reflectances(medium.faces, cosines).max(axis=0)
+    share = float((back * np.exp(-medium.optical_depth / cosines)).max())
     if not share > 0:
         return 0
     return min(MOST_IMAGES, max(0, math.ceil(math.log(_LEFT_OUT * (1 - share)) / math.log(share)) - 1))
@@ -63,18 +69,17 @@ def _reached(medium: PlaneMedium, views: np.ndarray, m: int) -> np.ndarray:
     slope = np.nan_to_num(slope)  # grazing, to the last bit: the largest number, which times no depth is 0
     far = np.where(slant == 0, np.inf, far)
     if not medium.faces.matched:
-        r = reflectance(medium.faces, slant)
+        r = both_reflectances(medium.faces, slant)
         with np.errstate(divide="ignore"):
-            far -= np.log((1 - r) * r**m)
+            far -= np.log(((1 - r) * r**m).mean(axis=0))
     turned = views * np.array([1.0, 1.0, -1.0 if m % 2 else 1.0])
     return np.column_stack([turned, far, slope])
 
 
 def crossing_factors(faces: Faces, vectors: np.ndarray, bounces: np.ndarray) -> np.ndarray:
-    """sqrt(1 - R) R^(m/2) float64[n, M] of lights or views float64[n, 3] after m = bounces int8[M] reflections."""
-    r = reflectance(faces, vectors[:, 2])
-    table = np.sqrt(1 - r)[:, None] * np.sqrt(r)[:, None] ** np.arange(MOST_IMAGES + 1)
-    return table[:, bounces]
+    """<(1 - R) R^m>^(1/2) float64[n, M] of lights or views float64[n, 3] after m = bounces int8[M] reflections."""
+    r = both_reflectances(faces, vectors[:, 2])[..., None]
+    return np.sqrt(((1 - r) * r ** np.arange(MOST_IMAGES + 1)).mean(axis=0))[:, bounces]
 
 
 def crossing_matrices(faces: Faces, direction: np.ndarray) -> np.ndarray:
@@ -91,10 +96,8 @@ def crossing_matrices(faces: Faces, direction: np.ndarray) -> np.ndarray:
         return out
     radial = direction[:2] / flat if flat else np.array([1.0, 0.0])
     axes = np.stack([radial, [-radial[1], radial[0]]])
-    mean = float(reflectance(faces, direction[2:])[0])
     for m in range(MOST_IMAGES + 1):
-        scalar = math.sqrt((1 - mean) * mean**m)
-        if scalar:
+        if scalar := float(crossing_factors(faces, direction[None], np.array([m])).item()):
             kept = [math.sqrt(1 - r * r) * r**m / scalar for r in (along, across)]
             out[m] = axes.T @ np.diag(kept) @ axes
     return out

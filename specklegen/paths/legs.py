@@ -7,8 +7,9 @@ crossed or been turned back by; at its end it is in layer k with what the faces 
     |A|^2 = prod_j (1 - R_j or R_j) e^(-sum OD / mu),     over (n_k / n)^2 mu_k for irradiance per area of the face,
 
 or for a view, seen per steradian in the index n, mu_n / ((n_k / n)^2 mu_k) times that product. Its phase grows by
-k (sqrt(n_k^2 - n^2 s^2) - n_k) / n per depth, beside light along the axis. R is that of unpolarised light; phases of
-reflections go into the random phase of the connection, which every leg has for itself.
+k (sqrt(n_k^2 - n^2 s^2) - n_k) / n per depth, beside light along the axis. Light keeps its polarisation along a leg;
+the mean over both is taken at its end. Phases of reflections go into the random phase of the connection, which every
+leg has for itself.
 
 Legs are found from the brightest on, down to :data:`_LEFT_OUT` of what comes to their layer straight.
 """
@@ -73,7 +74,7 @@ class LegsOf:
         share = optic.through(direct.face)
         for k in range(n):
             layer = n - 1 - k if self.far else k
-            straight[layer] = share
+            straight[layer] = share.mean(axis=0)
             face = layer if self.far else layer + 1
             share = share * optic.passed(layer) * optic.through(face)
         out: list[_Leg] = []
@@ -93,7 +94,7 @@ class LegsOf:
                 ways.append((_Leg(number, onward, leg.down, face, False), share * optic.through(face)))
             for way, left in ways:
                 reference = straight[way.layer]
-                ratio = float((left / np.where(reference > 0, reference, np.inf)).max())
+                ratio = float((left.mean(axis=0) / np.where(reference > 0, reference, np.inf)).max())
                 always = not way.turned and _is_direct(out, number)
                 if ratio >= _LEFT_OUT or always:
                     heapq.heappush(heap, (-ratio, count, way, left))
@@ -122,15 +123,15 @@ class LegsOf:
         optic = _Optic(known, inside, flat)
         turning = optic if turns is None else _Optic(known, inside, wavelength * np.hypot(*turns.T))
         along, thick = turning.along / wavelength, np.diff(known.edges)
-        amount, phase = (np.zeros((len(legs), len(vectors))) for _ in range(2))
+        amount, phase = np.zeros((len(legs), 2, len(vectors))), np.zeros((len(legs), len(vectors)))
         aside = self._asides(optic)
         for number, leg in enumerate(legs):
             step = optic.back(leg.face) if leg.turned else optic.through(leg.face)
             if leg.parent < 0:
-                amount[number] = np.sqrt(step)
+                amount[number] = step
                 continue
             layer = legs[leg.parent].layer
-            amount[number] = amount[leg.parent] * np.sqrt(step * optic.passed(layer))
+            amount[number] = amount[leg.parent] * step * optic.passed(layer)
             phase[number] = phase[leg.parent] + thick[layer] * along[layer]
         if self.far:  # beside light that has crossed the medium straight, as of views of a medium without steps
             phase -= (thick[:, None] * along).sum(axis=0)
@@ -143,7 +144,7 @@ class LegsOf:
             row[:, TOWARDS : TOWARDS + 2] = vectors[:, :2] * ratio
             row[:, TOWARDS + 2] = -slant if leg.down else slant
             role = 1.0 if lights else np.abs(vectors[:, 2])
-            row[:, AMOUNT] = optic.there[k] * amount[number] * ratio * np.sqrt(role / slant)
+            row[:, AMOUNT] = optic.there[k] * ratio * np.sqrt(amount[number].mean(axis=0) * role / slant)
             row[:, DECAY] = known.depths[k] / (2 * thick[k] * slant)
             row[:, PHASE], row[:, ALONG] = phase[number], along[k]
             row[:, ASIDE : ASIDE + 2] = vectors[:, :2] * aside[number][:, None]
@@ -215,17 +216,17 @@ class _Optic:
         return np.where(self.there[layer], np.exp(-self._known.depths[layer] / self.cosines[layer]), 0.0)
 
     def back(self, face: int) -> np.ndarray:
-        """R float64[D] of the face j, between layers j - 1 and j; from either side the same."""
+        """R_s and R_p float64[2, D] of the face j, between layers j - 1 and j; from either side the same."""
         known, last = self._known, len(self._known.indices)
         k = max(face - 1, 0)
         wall = known.walls[0] if face == 0 else known.walls[1] if face == last else known.indices[k]
         beyond = known.outside if face in (0, last) else known.indices[face]
-        out = np.empty(self.there.shape[1])
+        out = np.empty((2, self.there.shape[1]))
         reflectances(np.where(self.there[k], self.cosines[k], 0.0), known.indices[k], wall, beyond, out)
         return out
 
     def through(self, face: int) -> np.ndarray:
-        """1 - R float64[D] of a face."""
+        """1 - R float64[2, D] of a face."""
         return 1 - self.back(face)
 
 

@@ -8,8 +8,9 @@ up, at the layer's upper end, and of light on its way down at its lower end what
     P_k (1 - R_(k+1) b_k^2 rho_k) = (1 - R_(k+1)) b_(k+1) P_(k+1),     b_n P_n = 1.
 
 Of light on its way up, at the upper end of layer k, rho_k b_k P_k leaves there. Of one layer these are the sums of a
-slab between its faces (:mod:`specklegen.mean.reflectance`). R is that of unpolarised light, as at outer faces; mu_k
-follows from n_k sin theta_k, which all faces keep. Born and Wolf, *Principles of Optics*, sec. 1.5 and 1.6.
+slab between its faces (:mod:`specklegen.mean.reflectance`). R is that of one polarisation, of which unpolarised light
+has two, and the mean of both sums; mu_k follows from n_k sin theta_k, which all faces keep. Born and Wolf, *Principles
+of Optics*, sec. 1.5 and 1.6.
 """
 
 from typing import NamedTuple
@@ -93,7 +94,7 @@ def straight_light(medium: PlaneMedium, sines: np.ndarray) -> Straight:
     known, inside = optics(medium), medium.faces.inside
     own = np.multiply.outer(inside / known.indices, np.asarray(sines, np.float64))
     cosines = np.sqrt(np.maximum(1 - own**2, 0.0))
-    left, reflected = np.ones(own.shape[1]), np.empty(own.shape[1])
+    left, reflected = np.ones((2, own.shape[1])), np.empty((2, own.shape[1]))
     for j in range(len(own) + 1):
         k, wall, beyond = _face(known, j)
         reflectances(cosines[k], known.indices[k], wall, beyond, reflected)
@@ -102,7 +103,7 @@ def straight_light(medium: PlaneMedium, sines: np.ndarray) -> Straight:
     slant = np.where(crosses, cosines, 1.0)
     depth = np.where(crosses, (known.depths[:, None] / slant).sum(axis=0), np.inf)
     slope = ((np.diff(known.edges) * inside / known.indices)[:, None] / slant).sum(axis=0)
-    return Straight(left, depth, slope)
+    return Straight(left.mean(axis=0), depth, slope)
 
 
 def end_indices(medium: Medium) -> tuple[float, float]:
@@ -113,12 +114,16 @@ def end_indices(medium: Medium) -> tuple[float, float]:
 
 def unscattered(known: Optics, sine: float) -> tuple[float, float]:
     """Shares of light of a sine outside that layers throw back and let through unscattered, echoes included."""
-    steps, passed = _met(known, sine)
-    ahead, _ = _shares(steps, passed)
-    sent_back = steps[-1]
-    for r, b in zip(steps[-2::-1], passed[::-1], strict=True):
-        sent_back = _behind(r, b * b * sent_back)
-    return float(sent_back), float((1 - steps[0]) * passed[0] * ahead[0])
+    both, passed = _met(known, sine)
+    back, through = 0.0, 0.0
+    for steps in both:
+        ahead, _ = _shares(steps, passed)
+        sent_back = steps[-1]
+        for r, b in zip(steps[-2::-1], passed[::-1], strict=True):
+            sent_back = _behind(r, b * b * sent_back)
+        back += float(sent_back) / 2
+        through += float((1 - steps[0]) * passed[0] * ahead[0]) / 2
+    return back, through
 
 
 def crossed(known: Optics) -> tuple[np.ndarray, np.ndarray]:
@@ -126,20 +131,20 @@ def crossed(known: Optics) -> tuple[np.ndarray, np.ndarray]:
 
     Times what the first face lets in, so that paths that are in stand for light that comes from outside.
     """
-    steps, passed = _met(known, 0.0)
+    (steps, _), passed = _met(known, 0.0)
     down, sent_down = _shares(steps, passed)
     gain = (1 - steps[0]) * np.square(known.outside / known.indices) * down
     return gain, sent_down * passed * gain
 
 
 def _met(known: Optics, sine: float) -> tuple[np.ndarray, np.ndarray]:
-    """R float64[n + 1] at the faces and b float64[n] of the layers, of light of a sine outside; b is 0 beyond it."""
+    """R_s and R_p float64[2, n + 1] at the faces, b float64[n] of layers, of light of a sine outside; b is 0 beyond."""
     sines = sine * known.outside / known.indices
     cosines = np.sqrt(np.maximum(1 - sines**2, 0.0))
-    steps = np.empty(len(known.indices) + 1)
-    for j in range(len(steps)):
+    steps = np.empty((2, len(known.indices) + 1))
+    for j in range(steps.shape[1]):
         k, wall, beyond = _face(known, j)
-        reflectances(cosines[k : k + 1], known.indices[k], wall, beyond, steps[j : j + 1])
+        reflectances(cosines[k : k + 1], known.indices[k], wall, beyond, steps[:, j : j + 1])
     with np.errstate(divide="ignore"):
         passed = np.where(sines < 1, np.exp(-known.depths / np.where(sines < 1, cosines, 1.0)), 0.0)
     return steps, passed

@@ -98,8 +98,9 @@ def internal_reflection(inside: float, outside: float = 1.0, wall: float | None 
     for low, high, near in ((0.0, critical, critical), (critical, 1.0, critical)):
         span = high - low
         mu = high - span * u**2 if near == high else low + span * u**2
-        r = np.empty_like(mu)
-        reflectances(mu, *indices, r)
+        both = np.empty((2, len(mu)))
+        reflectances(mu, *indices, both)
+        r = both.mean(axis=0)
         moments += np.array([2 * (r * mu) @ (2 * u * du), 3 * (r * mu**2) @ (2 * u * du)]) * span
     phi, current = moments
     return float((phi + current) / (2 - phi + current))

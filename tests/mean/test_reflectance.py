@@ -114,17 +114,26 @@ def test_densities_of_single_scattering():
         refute_z(1.2 * density, once, error, slack=0.4 * albedo * once)
 
 
-def test_a_clear_slab_between_faces_is_that_of_fresnel_and_its_echoes():
-    clear = sg.Slab(thickness=1.0, mean_free_path=1e9, scatterer=sg.Isotropic(), faces=GLASS)
-    found = sg.reflectance_transmittance(clear, paths=100)
-    assert found.transmittance == pytest.approx((1 - 0.04) / (1 + 0.04), rel=1e-7)
-    slanted = sg.reflectance_transmittance(clear, angle=1.0, paths=100)
-    sine = np.sin(1.0) / 1.5
-    inside, outside = np.sqrt(1 - sine**2), np.cos(1.0)
-    s = (outside - 1.5 * inside) / (outside + 1.5 * inside)
-    p = (1.5 * outside - inside) / (1.5 * outside + inside)
-    r = (s**2 + p**2) / 2
-    assert slanted.specular == pytest.approx(2 * r / (1 + r), rel=1e-7)
+@pytest.mark.parametrize("depth", [1e-9, 0.2])
+@pytest.mark.parametrize("layers", [False, True])
+def test_plates_that_do_not_scatter_are_those_of_airy_in_intensity(depth, layers):
+    """0 to 85 degrees: the echoes of either polarisation one after the other, their mean behind all of them."""
+    plate = sg.Slab(thickness=1.0, mean_free_path=1 / depth, albedo=0.0, scatterer=sg.Isotropic(), faces=GLASS)
+    if layers:  # the same plate in two parts, of which one has another lobe
+        half = sg.Layer(thickness=0.5, mean_free_path=1 / depth, albedo=0.0, scatterer=sg.Isotropic(), index=1.5)
+        plate = sg.Layers([half, half.replace(scatterer=sg.HenyeyGreenstein(0.5))])
+    for degrees in (0.0, 30.0, 57.3, 75.0, 85.0):
+        angle = np.deg2rad(degrees)
+        inside, outside = np.sqrt(1 - (np.sin(angle) / 1.5) ** 2), np.cos(angle)
+        s = (outside - 1.5 * inside) / (outside + 1.5 * inside)
+        p = (1.5 * outside - inside) / (1.5 * outside + inside)
+        r, b, n = np.square([s, p]), np.exp(-depth / inside), np.arange(200)[:, None]
+        through = ((1 - r) ** 2 * b * (r * b) ** (2 * n)).sum(axis=0)
+        back = r + ((1 - r) ** 2 * r * b**2 * (r * b) ** (2 * n)).sum(axis=0)
+        found = sg.reflectance_transmittance(plate, angle=angle, paths=100)
+        np.testing.assert_allclose([found.specular, found.ballistic], [back.mean(), through.mean()], rtol=1e-6)
+        if degrees == 57.3:  # power: means at each face
+            assert 2 * r.mean() / (1 + r.mean()) > 1.05 * (2 * r / (1 + r)).mean()
 
 
 def test_light_that_cannot_enter_is_reflected():
