@@ -52,6 +52,8 @@ class Report:
     image_error : float
         As in the plan: of intensity correlations within an image, over hundreds of grains; up to sqrt 2 times as large,
         since connections of one path share their entrance. ``rel_error=`` bounds this one.
+    correlation_error : float
+        As in the plan: of the correlations between tilts, which the stationary sampler estimates once for all seeds.
     gaussianity : Gaussianity
         Whether the stack used enough paths to be Gaussian speckle, as in the plan.
     mean_added : bool
@@ -67,6 +69,7 @@ class Report:
     unfinished: int
     expected_error: float
     image_error: float
+    correlation_error: float
     gaussianity: Gaussianity
     mean_added: bool
     decisions: tuple[Decision, ...]
@@ -269,6 +272,7 @@ def rendered(scene: Scene, budget: Budget, options: Options) -> SpeckleStack:
         unfinished=unfinished,
         expected_error=plan.expected_error,
         image_error=plan.image_error,
+        correlation_error=plan.correlation_error,
         gaussianity=plan.gaussianity,
         mean_added=options.mean,
         decisions=plan.decisions,

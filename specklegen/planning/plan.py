@@ -106,6 +106,11 @@ class Plan(Pictured):
         return self.chosen.expected_error if self.pixel is None else (self.pixel.relative_variance / self.paths) ** 0.5
 
     @property
+    def correlation_error(self) -> float:
+        """Standard error of correlations between tilts, which all seeds share ("stationary"); 0 of other samplers."""
+        return getattr(self.chosen, "correlation_error", 0.0)
+
+    @property
     def image_error(self) -> float:
         """The same between views of one image, up to sqrt 2 times as large by path sums; ``rel_error`` bounds it."""
         if self.pixel is not None:

@@ -109,7 +109,8 @@ def test_it_is_that_of_its_paths(empty_cache):
 def test_the_atlas_serves_unless_paths_are_asked_for(empty_cache, traced):
     stated = atlas_errors(slab())
     made = sg.plan(scene())
-    assert (made.sampler, made.paths, made.expected_error) == ("stationary", 0, stated.intensity)
+    assert (made.sampler, made.paths) == ("stationary", 0)
+    assert made.expected_error == max(stated.intensity, stated.correlation)
     assert f"{stated.correlation:.2g}" in next(d.reason for d in made.decisions if "memory-effect" in d.part)
     sg.render(scene())
     assert not traced

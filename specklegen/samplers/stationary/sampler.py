@@ -78,7 +78,7 @@ class Stationary(MediaSampler, name="stationary"):
     tabulated: Errors | None = None
 
     summation = "FFT or matrix products"
-    error_of = "intensity scale"
+    error_of = "intensity scale, correlations between tilts"
     abilities = Abilities(media="volumes", lens="face", films=True)
     reverse = False
     complete: ClassVar[bool] = False
@@ -103,7 +103,10 @@ class Stationary(MediaSampler, name="stationary"):
         pilot = axial_pilot(rest) if scene.refracts_inside else scene_pilot(rest, False)
         tabulated = None if request.paths is not None else _tabulated(scene, model.form, request.tolerance)
         if tabulated is None:
-            paths = request.paths_by(pilot.moments)
+            moments = pilot.moments
+            if len(scene.beams.directions) > 1 and request.rel_error is not None:  # of K too
+                moments = replace(moments, relative_variance=moments.relative_variance + 1)
+            paths = request.paths_by(moments)
             source = f"estimated by {paths} paths under the medium's seed, once for all seeds"
         else:
             paths = 0
@@ -118,10 +121,24 @@ class Stationary(MediaSampler, name="stationary"):
 
     @property
     def expected_error(self) -> float:
-        """Relative standard error of the intensity scale; the bound that the atlas states, where it is from there."""
+        """Larger one of the intensity scale's relative standard error, or what the atlas states, and that of K."""
+        scale = 0.0 if self.tabulated is None else self.tabulated.intensity
+        if self.tabulated is None:
+            scale = float(np.sqrt(self.pilot.moments.relative_variance / self.paths))
+        return max(scale, self.correlation_error)
+
+    @property
+    def correlation_error(self) -> float:
+        """Standard error of the correlation of fields under two tilts, at most; 0 of one tilt.
+
+        All seeds share K, a mean of phasors with the weights of so many paths: where it is next to 0, its variance is
+        that of E w^2 / (N (E w)^2). The atlas states what |K|^2 is off.
+        """
+        if self.complete or len(self.scene.beams.directions) < 2:
+            return 0.0
         if self.tabulated is not None:
-            return self.tabulated.intensity
-        return float(np.sqrt(self.pilot.moments.relative_variance / self.paths))
+            return self.tabulated.correlation
+        return float(np.sqrt((1 + self.pilot.moments.relative_variance) / self.paths))
 
     @property
     def intensity(self) -> float:

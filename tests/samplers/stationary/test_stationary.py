@@ -71,6 +71,23 @@ def statistics_of(total: np.ndarray) -> np.ndarray:
     return np.concatenate([mean, square / mean**2 - 1, (lagged / mean**2 - 1).ravel(), between])
 
 
+@pytest.mark.parametrize(("g", "depth"), [(0.0, 5.0), (0.9, 10.0)])
+def test_the_stated_error_is_that_of_the_correlation(g, depth):
+    """Of K by 4000 paths under 32 seeds at its worst q: at most what is stated, and at least two thirds of it."""
+    slab = sg.Slab(thickness=1000.0, mean_free_path=1000.0 / depth, scatterer=sg.HenyeyGreenstein(g))
+    light = sg.CollimatedBeams.tilts([0.0, 2e-3], width=20000.0)
+    scene = sg.Scene(wavelength=1.0, medium=slab, illumination=light, sensor=sg.FarField.grid((8, 8), 2e-5))
+    report = sg.render(scene, sampler="stationary", paths=4000, seed=1).report
+    found = [estimate_correlation(slab, 4000, seed)(np.linspace(0.2, 10, 30) / 1000.0) for seed in range(32)]
+    spread = np.std(found, axis=0, ddof=1).max()
+    assert report.expected_error == report.correlation_error
+    # K is real here: of a phasor's two parts it has the one, averaged over turns about the axis.
+    assert 0.3 * report.correlation_error < spread < 1.0 * report.correlation_error
+    alone = scene.replace(illumination=sg.CollimatedBeams.tilts([0.0], width=20000.0))
+    assert plan(alone, sampler="stationary", paths=4000).correlation_error == 0.0
+    assert plan(scene, sampler="stationary", rel_error=0.02).expected_error <= 0.02
+
+
 def test_stationary_and_path_sampler_have_the_same_statistics():
     pixels, stacks, paths = (0, 8, 16), 400, 4000
     scene = stack_scene(pixels=pixels)
