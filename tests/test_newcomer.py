@@ -70,7 +70,7 @@ def test_the_demo_is_quiet_and_leaves_what_it_names(fresh):
     assert all((clone / name).stat().st_size > 10_000 for name in named)
     assert "Compiling, once" in said
     pictures = set(re.findall(r"docs/images/([\w-]+\.png)", (clone / "README.md").read_text()))
-    figures = {"bar19-figure-8.png", "error-vs-time.png", "why.png"}  # of scripts that take minutes
+    figures = {"overview.png"}  # of scripts that take minutes
     assert pictures - figures <= {Path(name).name for name in named}
 
 
