@@ -76,7 +76,7 @@ def test_a_complete_entry_is_asked_all(content):
     (lambda c: c.update(commitment="0" * 64), r"Entry\.commitment"),  # other images than those of the tasks
     (lambda c: c.update(tasks={}), r"Entry\.tasks"),
     (lambda c: c["tasks"].update(thick=c["tasks"]["thin"]), "one of unseen media"),
-    (lambda c: c["tasks"]["thin"].update(digest="0" * 64), r"digest must be 242301618fd2"),
+    (lambda c: c["tasks"]["thin"].update(digest="0" * 64), r"digest must be 80f6612bc5ea"),
     (lambda c: c["tasks"]["thin"].update(images=65), "2 to 64"),
     (lambda c: c["tasks"]["thin"].update(images=2, unanswered=3), "2 to 64"),
     (lambda c: c["tasks"]["thin"]["pearson"].update(mean=2.0), "between low and high"),
