@@ -2,9 +2,12 @@
 
 import json
 
+import pytest
+
 from scripts.counted_work import KEPT, counted, grown, jobs, rendered, slab
 
 
+@pytest.mark.slow
 def test_the_same_work_counts_the_same_and_more_of_it_more():
     def counts(paths):
         job = rendered(slab(views=5, tilts=2), paths)

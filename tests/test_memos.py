@@ -85,6 +85,7 @@ def findings(lines):
 ALL = "[name for name in __import__('specklegen.datasets', fromlist=['x']).recipe_names()]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", ["['through-slab']", pytest.param(ALL, marks=pytest.mark.slow)],
                          ids=["one recipe", "all recipes"])  # fmt: skip
 def test_what_is_kept_is_what_would_be_worked_out_again(names):

@@ -243,6 +243,7 @@ def test_files_from_outside_run_nothing_unless_trusted(tmp_path, monkeypatch):
     assert mark.exists()
 
 
+@pytest.mark.slow
 def test_another_class_of_the_name_is_another_recipe(recipe, folder, tmp_path):
     """One number in the source: neither the fingerprint stays, nor does the store go on."""
     other = tmp_path / "changed"

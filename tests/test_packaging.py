@@ -288,6 +288,7 @@ def test_a_checkout_without_links_installs_too(tmp_path):
     assert [name for name in wheel.namelist() if name.endswith("_finder.py")]
 
 
+@pytest.mark.slow
 def test_type_checkers_see_the_package_from_another_folder(checkout, tmp_path):
     """pyright follows the path entry, through both links: it sees two wrong types, and nothing unknown."""
     _built(checkout, "build_editable")

@@ -101,6 +101,7 @@ def test_seeds_and_realizations_are_uncorrelated(sampler):
 
 
 # ---- The promised error --------------------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize(("medium", "rel_error"), [(slab(1.0), 0.3), (slab(5.0, 0.8), 0.5)])
 def test_the_promised_excess_correlation_is_kept(medium, rel_error):
     """Far-apart views have Cov(I1, I2)/(I1 I2) = Var w / (N (E w)^2) = expected_error^2 (docs/physics.md)."""

@@ -85,6 +85,7 @@ def test_exposures_by_a_law_have_its_contrast(motion):
     refute_mean(off(1.2 * times), 0.0, slack=0.01)
 
 
+@pytest.mark.slow
 def test_exposures_of_the_stream_have_the_contrast_that_they_tell(motion):
     stacks, told = zip(*motion.exposures_of_the_stream(3, 40), strict=True)
     seen, (light, particles) = np.array([motion.contrasts(x) for x in stacks]), np.array(told).T

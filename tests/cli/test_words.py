@@ -147,6 +147,7 @@ def test_a_package_of_an_extra_that_is_missing_is_named_with_its_extra():
             assert said.startswith(f"this needs the package {name}: pip install 'specklegen-torch[{extra}]'")
 
 
+@pytest.mark.slow
 def test_two_calls_report_what_each_has_rendered(tmp_path):
     """Together the whole, and no more: what the other did is not counted."""
     words = ["generate", "through-slab", "--out", "both.zarr", "--samples", "32", "--processes", "1", *SMALL]

@@ -111,6 +111,7 @@ def narrow():
     return source, width, stacks
 
 
+@pytest.mark.slow
 def test_contrast_of_paths_is_that_of_the_source_whatever_the_memory_effect(narrow):
     source, width, stacks = narrow
     images = stacks["paths"].intensity[:, 0]
@@ -135,6 +136,7 @@ def test_contrast_of_the_stationary_model_is_lower_there(narrow):
     refute_z(value, law, error, degrees=len(images) - 1, slack=0.02 * law)
 
 
+@pytest.mark.slow
 def test_the_memory_effect_shapes_the_grains():
     """Autocovariance of paths against theory; without K the blurred grains would be larger."""
     width, shifts = 5 * MILK.thickness, (0, 1, 2, 3)
@@ -149,6 +151,7 @@ def test_the_memory_effect_shapes_the_grains():
     refute_z(value, frozen + extra, error, degrees=REALIZATIONS - 1)
 
 
+@pytest.mark.slow
 def test_paths_add_the_excess_that_is_stated():
     """So few that it is most of the contrast; expected_error squared alone would be too little."""
     width, paths, many = 4 * MILK.thickness, 30, 6 * REALIZATIONS

@@ -204,6 +204,7 @@ def test_positions_and_tilts_are_two_views_of_one_source():
     assert apart[0] / apart[1] == pytest.approx(np.sqrt(24 / 8), rel=0.15)
 
 
+@pytest.mark.slow
 def test_the_matrix_and_the_samplers_agree_in_distribution():
     """Mean and contrast: modes through transmission matrices, and the incoherent object of the engine."""
     length = WIDTH / 2

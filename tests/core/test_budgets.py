@@ -53,6 +53,7 @@ def test_a_count_found_by_a_budget_reproduces_the_bits():
     np.testing.assert_array_equal(sg.render(SCENE, paths=stack.report.paths, seed=3).field, stack.field)
 
 
+@pytest.mark.slow
 def test_time_limits_what_an_error_asks_for():
     assert sg.covariance(SCENE, rel_error=1e-4, seconds=0.2).paths < 1e6
     few = sg.covariance(SCENE, rel_error=0.5, seconds=60.0)

@@ -149,6 +149,7 @@ print(digest.hexdigest())
 """
 
 
+@pytest.mark.slow
 def test_a_sample_of_another_process_has_the_same_bits(cache):
     """Of sixteen plans: in a process that computes all, in one that reads all, and in one without a cache."""
     outputs = []

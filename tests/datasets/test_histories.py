@@ -537,6 +537,7 @@ def in_a_process(histories, chosen, dependences=()):
                           text=True, check=False, timeout=60 * (20 + histories))  # fmt: skip
 
 
+@pytest.mark.slow
 def test_samples_depend_on_nothing_that_has_happened():
     """And a recipe that hands out what it keeps is caught, by as many histories."""
     done = in_a_process(HISTORIES, None if SEED is None else int(SEED), (next(iter(DEPENDENCES)),))

@@ -251,6 +251,7 @@ def test_reported_errors_cover_the_true_ones():
         assert found.passed, found
 
 
+@pytest.mark.slow
 def test_a_reported_error_that_is_wrong_is_caught():
     sampler = next(s for s in SAMPLERS if s.name == "stationary")
     right, _ = calibration.sampler_scores(sampler, "transmission-g0-od1", 2048, 100)

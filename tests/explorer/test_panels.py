@@ -245,6 +245,7 @@ def test_what_the_image_does_not_depend_on_makes_it_anew_never(monkeypatch):
     assert panels.sample(state.replace(sample=3)) is not kept[0]
 
 
+@pytest.mark.slow
 def test_analysers_show_the_file_that_is_taken_along(tmp_path):
     """Both images and their shares, in linear and in circular light, through faces too."""
     begun = State(view="polarisation", camera=64, thickness=500.0)

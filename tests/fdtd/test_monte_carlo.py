@@ -16,6 +16,7 @@ def rel(a, b):
     return np.linalg.norm(a - b) / np.linalg.norm(b)
 
 
+@pytest.mark.slow
 def test_marches_and_transfer_matrix_give_the_same_mean():
     marched = monte_carlo_mean(LAYER, 200, "fdtd", pulse=PULSE, margin=2500)
     exact = monte_carlo_mean(LAYER, 200, pulse=PULSE)

@@ -58,6 +58,7 @@ def test_second_order_against_brute_force(modulated, lc):
     check_second_order(RandomLayer(correlation_length=lc), Pulse(modulated=modulated), expected, range(3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sigma", "lc", "expected", "seeds"), [
     # Third moments of the sample scatter the next one from .0006 to .0015.
     pytest.param(0.003, 0.5, (0.0026, 0.0007), 8, marks=pytest.mark.slow),

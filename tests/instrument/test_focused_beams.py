@@ -186,6 +186,7 @@ def test_clear_light_through_a_lens_shows_the_focus():
     np.testing.assert_allclose(np.abs(image), expected, atol=0.02 * expected.max())
 
 
+@pytest.mark.slow
 def test_a_confocal_scan_sees_what_scatters_in_focus():
     """Power at the pixels that light is focused on, scattered once: sigma_s / 4 pi int |U|^2 |h|^2 e^(-2 sigma z). By
     the mean over phases of one bank, h the image of a point by the same lens; the integral by nodes of the closed form,

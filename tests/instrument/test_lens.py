@@ -42,6 +42,7 @@ def rms(field):
     return np.sqrt(np.mean(np.square(np.abs(field))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pupil", [pytest.param(sg.Pupil(), marks=pytest.mark.slow), ABERRATED])
 def test_points_on_the_plane_in_focus_see_the_same_field_through_the_pupil(pupil):
     """The same connections at points of the near field, path by path, their field filtered by the pupil. Of isotropic

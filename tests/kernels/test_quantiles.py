@@ -47,6 +47,7 @@ def test_normal_quantiles_in_the_middle_and_in_both_tails():
     np.testing.assert_allclose(out, 3 * ndtri(units()), rtol=1e-13, atol=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mean", MEANS)
 def test_poisson_numbers_are_the_exact_quantiles(mean):
     """Over six decades and more: all of 1e5 equal, but at most 2 of them, by 1, for the expansion's error of 1e-6. (The

@@ -273,6 +273,7 @@ def test_suspensions_end_where_their_water_absorbs(name):
     assert_refused(lambda: sg.materials.get(name, 0.97), r"wavelength must be 0\.\d+ to 0.9 micrometres")
 
 
+@pytest.mark.slow
 def test_the_memory_range_of_brain_is_known_to_a_factor_of_ten():
     asked = {"draws": 16, "paths": 4000, "lobe": "henyey-greenstein"}
     found = sg.materials.memory_range("brain", 0.806, 1000.0, **asked)

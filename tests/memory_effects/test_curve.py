@@ -146,6 +146,7 @@ def test_the_tiniest_tilt_off_the_axis_keeps_its_sense():
     assert found.decorrelation[1] / found.decorrelation[0] == pytest.approx(4, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("g", "gate", "q"), [(0.0, 0.02, 1.5), (0.9, 0.002, 6.0)])
 def test_both_ways_agree_on_both_sides_of_the_gate(g, gate, q):
     """A long wavelength (k L = q/gate) keeps correlation at the tilt where the way changes."""
@@ -240,6 +241,7 @@ def test_faint_light_has_its_correlation():
              degrees=DEGREES)  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, pytest.param({"mode": "reflection"}, marks=pytest.mark.slow)])
 def test_standard_errors_are_calibrated(options):
     """z of independent seeds about their common mean has variance 1, or less: errors are 1 to 1.3 times the spread.

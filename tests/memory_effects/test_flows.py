@@ -308,6 +308,7 @@ FILMS = {"slab": (film(), THIN), "off the axis": (film(center=(0.3, 0.0)), THIN)
          "voxels": (film(VOXELS, **SMALL), sg.Layers(layers=[STILL, MOVING]))}  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILMS)
 def test_frames_by_path_sums_forget_as_the_medium_does(name):
     scene, medium = FILMS[name]

@@ -147,6 +147,7 @@ def test_a_depth_off_by_a_tenth_is_caught():
     refute_z(found.matrix, 1.2 * expected, found.standard_error, degrees=DEGREES)
 
 
+@pytest.mark.slow
 def test_spheres_depolarise_by_their_own_amplitudes():
     """Of Mie theory: also of spheres whose S1 and S2 are no projector, and of small ones, which are Rayleigh's."""
     pytest.importorskip("miepython")
@@ -225,6 +226,7 @@ def test_circular_light_is_round_and_keeps_more():
     assert kept[0] - flipped[0] > 5 * np.hypot(own[0], error[0])
 
 
+@pytest.mark.slow
 def test_both_ways_to_a_curve_agree():
     """By ways turned about the axis, and by the fields of every connection at every pair of light and view."""
     medium, light = slab(3), np.array([[np.sin(t), 0.0, np.cos(t)] for t in tilts([0.7, 2.0])])
@@ -245,6 +247,7 @@ PASSED = {"co": ([1, 1, 0, 0], [1, 1, 0, 0]), "crossed": ([1, -1, 0, 0], [1, 1, 
 """What an analyser passes of a Stokes vector, and that of the light."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sine", [0.0, 0.8])
 def test_it_forgets_in_time_as_correlations_are_transferred(sine):
     """Each scattering takes e^(-2x (1 - cos)) off the correlation of fields: a phase matrix of a transfer equation."""

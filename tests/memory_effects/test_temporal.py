@@ -194,6 +194,7 @@ def test_radiative_transfer_without_a_random_number_agrees(depth, g, albedo, cos
         assert_z(found.intensity, expected**2, found.standard_error, degrees=63)
 
 
+@pytest.mark.slow
 def test_waves_through_slices_agree_over_all_views():
     """K(q, x) of a forward slab by split-step waves whose screens have moved, within .015 (L / l* = .016). Slices and
     walks differ by up to .013 at such depths (:mod:`specklegen.oracles.multi_slice`)."""

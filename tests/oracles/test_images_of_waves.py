@@ -113,6 +113,7 @@ def waves_of_the_row():
     return ROW.by_waves(FORWARD, 48)
 
 
+@pytest.mark.slow
 def test_an_object_two_ranges_wide_has_the_images_of_waves():
     """By path sums: behind lobes of a cusp and wide wings the memory effect falls with the angle to the beam."""
     made = sg.plan(ROW.scene(FORWARD, ROW.brightness))

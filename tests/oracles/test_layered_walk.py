@@ -17,6 +17,7 @@ TWO = [layer(0.01, 20, 200, 0.7, 1.3), layer(1e8, 10, 200, 0.9, 1.4)]
 THREE = [layer(0.1, 1, 100, 0.9, 1.37), layer(0.1, 1, 10, 0.0, 1.37), layer(0.2, 2, 10, 0.7, 1.37)]
 
 
+@pytest.mark.slow
 def test_two_layers_of_different_indices_reflect_as_those_of_mcml():
     """Template of MCML, its first run: diffuse reflectance .1050, to half of the last digit."""
     found = walk_layers(TWO, paths=64 * 700, seed=1)

@@ -99,6 +99,7 @@ def test_engine_agrees_with_algorithm_1_forward(side, g, optical_depth, base, of
     assert_same_covariance(engine_covariances(scene), transcribed_covariances(scene))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("g", "optical_depth", "base"), [(0.0, 0.5, 0.0), (0.5, 2.0, 0.0), (0.5, 2.0, 0.5)])
 def test_engine_agrees_with_algorithm_1_at_backscattering(g, optical_depth, base):
     scene = make_scene("reflection", g=g, optical_depth=optical_depth, base=base)
@@ -112,6 +113,7 @@ def precise():
     return scene, engine_covariances(scene, paths=4 * ENGINE_PATHS)
 
 
+@pytest.mark.slow
 def test_engine_agrees_with_algorithm_1_precisely(precise):
     scene, engine = precise
     assert_same_covariance(engine, transcribed_covariances(scene, paths=10_000))
@@ -139,6 +141,7 @@ def test_fields_of_algorithm_2_have_the_covariance_of_algorithm_1(reverse):
     assert_same_covariance(field_covariances(fields), transcribed_covariances(scene, reverse=reverse))
 
 
+@pytest.mark.slow
 def test_electric_field_monte_carlo_has_intensities_and_no_correlation():
     scene = make_scene(g=0.5, optical_depth=2.0)
     expected = transcribed_covariances(scene)
@@ -149,6 +152,7 @@ def test_electric_field_monte_carlo_has_intensities_and_no_correlation():
         assert_same_covariance(field_covariances(fields), expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("side", "g", "optical_depth", "base"), [
     ("transmission", 0.5, 2.0, 0.0), ("reflection", 0.0, 0.5, 0.5), ("transmission", 0.9, 2.0, 0.5),
 ])  # fmt: skip

@@ -187,6 +187,7 @@ def assert_far(far, oracle):
     assert_entries(far.covariance, far.covariance_error, *stored, count)
 
 
+@pytest.mark.slow
 def test_oracle_scene(oracle):
     far = measure_oracle_scene(oracle, 1024, seed=11)["far"]
     assert_far(far, oracle)

@@ -207,6 +207,7 @@ def scene():
                     sensor=sg.FarField.grid(shape, PITCH, center=(tilts[-1] / 2, 0.0)))  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["auto", "paths"])
 def test_rendered_stacks_are_those_of_waves(scene, sampler):
     expected, count = WAVES["HG .99"][-1], 16

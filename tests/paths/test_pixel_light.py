@@ -67,6 +67,7 @@ WIDE = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", WIDE)
 def test_the_variance_that_is_stated_is_that_of_a_pixel(case):
     seen = scene(**WIDE[case])

@@ -42,6 +42,7 @@ def test_equal_voxels_are_a_box():
     assert_same(ours, theirs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reverse", [False, True])
 def test_layers_against_the_literal_algorithms(reverse):
     """A18: extinction, albedo and anisotropy differ; the balance weight has the ratio of extinctions."""

@@ -117,6 +117,7 @@ def through_a_lens(exposure, times, sines=0.0, **parts):
     return scene.replace(sensor=sg.Imaging(**camera))
 
 
+@pytest.mark.slow
 def test_exposures_through_a_lens_have_the_contrast_of_the_light_over_its_pupil():
     """In the middle of a wide window, where speckle is Gaussian whatever the number of paths."""
     scene = through_a_lens(EXPOSURES, STARTS, width=800.0, camera={"focus": -10.0})
@@ -142,6 +143,7 @@ BOX = sg.Box(lower=[-100, -100, 0], upper=[100, 100, 5], mean_free_path=5.0, sca
 HALF = sg.Layers(layers=[STILL, BLURRED])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("medium", "layers"), [(BOX, [BLURRED]), (HALF, [STILL, BLURRED])], ids=["box", "layers"])
 def test_other_media_blur_as_their_light_says(medium, layers):
     """A wide box as a slab, and light that stands still for a while beside light that does not."""

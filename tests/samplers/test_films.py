@@ -58,6 +58,7 @@ CASES = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_frames_by_path_sums_forget_as_the_medium_does(name):
     scene, medium = CASES[name]

@@ -48,6 +48,7 @@ MEDIA = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MEDIA)
 def test_scenes_of_faces_and_layers_have_their_intensities(name):
     """By covariances, 20 degrees aside of the axis too, and by pictures of the stationary sampler."""

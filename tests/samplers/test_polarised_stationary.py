@@ -147,6 +147,7 @@ TWO_POINTS = {"along": (0.0, SINE, ((1, 0), (1, 1)), (0, SHIFT)), "across": (0.0
               "across, turned": (-np.pi / 4, 0.7 * SINE, ((0, 0), (1, 1)), (14, 14))}  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("channel", "name"), [("crossed", "along"), *(("co", name) for name in TWO_POINTS)])
 def test_images_of_objects_see_the_memory_effect(curves, channel, name):
     """Two points cast two images of one pattern, as alike as C_I, along the polarisation and across it."""

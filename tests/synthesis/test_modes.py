@@ -104,6 +104,7 @@ def test_modes_reproduce_the_kernel(scale, tolerance, base):
     assert left + powers.min() > tolerance * beams.size, "one mode fewer would not do"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("extent", [0.25, 0.5, 1.0])
 def test_hardly_more_modes_than_the_exact_expansion_needs(extent):
     """One more at most up to half a range, where the polynomials' order is that of the power; then a tenth."""

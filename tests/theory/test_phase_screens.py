@@ -167,6 +167,7 @@ def near_the_axis(stack, tilt, radius=0.01):
     return abs(weights @ np.array(values)) / weights.sum()
 
 
+@pytest.mark.slow
 def test_two_screens_by_waves(by_waves):
     found, products, powers, waves = by_waves
     error = []

@@ -130,6 +130,7 @@ def expected_coherence(beams, modes):
     return pattern * memory, float(np.max(curve.standard_error))
 
 
+@pytest.mark.slow
 def test_speckle_behind_a_double_slit(double_slit):
     """Its autocorrelation shows the fringes of the mask: the covariance of the field over views and realizations.
 

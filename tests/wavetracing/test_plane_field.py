@@ -58,6 +58,7 @@ class TestBoundary:
     def test_hexagram(self):
         assert abs(at([2, 1, 100.0], hexagram())) ** 2 == pytest.approx(0.329221, abs=6e-7)
 
+    @pytest.mark.slow
     def test_discs(self):
         """A polygon of 20 000 sides and the disc's area; the stop is a hole in a screen so wide that it is not seen."""
         turn = np.arange(20_000) * 2 * np.pi / 20_000

@@ -141,6 +141,7 @@ AREA = {"camera": {"shape": [64, 64], "pixels_per_grain": 2.0}, "window": {"widt
         "exposure": {"photons": 2e3, "full_well": 1e6, "bit_depth": 16}}  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [{}, pytest.param(AREA, marks=pytest.mark.slow)], ids=["points", "pixels with area"])
 def test_path_sums_of_a_narrow_window_have_the_contrast_that_is_told(more):
     """A grain and a quarter in a range: the window lies before the medium, and C_I does not enter at one view. By

@@ -83,6 +83,7 @@ def test_the_mean_is_that_of_the_covariance():
     refute_z(1.2 * value, powers.mean(), np.hypot(error, spread))
 
 
+@pytest.mark.slow
 def test_stacks_have_mean_one():
     """Of 60 media of voxels; with means half as large it is caught."""
     recipe = recipe_of(**CASES["voxels, far"])

@@ -106,6 +106,7 @@ def test_outcomes_are_small(tmp_path):
     assert len(pickle.dumps(outcome)) < 400
 
 
+@pytest.mark.slow
 def test_kill_9_of_one_of_two_workers(tmp_path, client, plain):
     """Killed from outside at the first shard; both workers took part before or after."""
     log, killed = tmp_path / "log", []

@@ -46,6 +46,7 @@ def test_kills_among_several_processes_lose_nothing(fuzz):
         assert done > 0 or 0 not in kills, "who is not killed writes"
 
 
+@pytest.mark.slow
 def test_eight_processes_create_one_store_at_once(fuzz):
     """None fails, and what they make is one store; seen through the moments at which a maker is least protected."""
     for _ in range(4):

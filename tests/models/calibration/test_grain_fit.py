@@ -34,6 +34,7 @@ def photographs(count, grain, profile, seed):
     return torch.from_numpy(np.stack(images))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("profile", "grain"), [("disc", 1.8), pytest.param("disc", 2.5, marks=pytest.mark.slow), ("square", 2.3)]
 )

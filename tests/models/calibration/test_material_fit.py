@@ -30,6 +30,7 @@ def fit(depth=10.0, g=0.9, free=FREE, sphere=True, seed=0):
     return fitted(made, made.measured(np.random.default_rng(seed), sphere), free)
 
 
+@pytest.mark.slow
 def test_errors_of_the_tables_count():
     """The mean rise of chi squared at the truth, to first order, should be 3: as many as are free. Of curves by paths
     it is more where the tables' own errors are left out. No noise is drawn, and coverage, which is too small, is not
@@ -50,6 +51,7 @@ def test_errors_of_the_tables_count():
     assert np.mean(expected[False]) - np.mean(expected[True]) > 0.5
 
 
+@pytest.mark.slow
 def test_intervals_end_where_the_profile_has_risen():
     one = fit()
     for level in (0.68, 0.95):

@@ -41,6 +41,7 @@ def fit(reach, power):
     return sg.fit_setup(light, envelope=None, pixel_integration=False, profile="square", target=LETTER)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("power", [1.0, pytest.param(2.0, marks=pytest.mark.slow)])
 def test_the_range_is_found(power):
     found = fit(RANGE, power)
@@ -136,6 +137,7 @@ def limited(before, reach=4.0, grain=2.8, side=144, ways=12):
     return found[:, :side, :side], target
 
 
+@pytest.mark.slow
 def test_light_that_is_limited_before_the_medium_is_doubted():
     """C_I stands at the camera's distances then, and speckle has too much contrast."""
     behind, before = (

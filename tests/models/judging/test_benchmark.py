@@ -320,6 +320,7 @@ def test_a_fit_is_of_one_image_alone(batch, thin):
     torch.testing.assert_close(method(alone)[0], method(batch)[1], rtol=0, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_several_objects_are_seen_together_and_one_image_of_a_medium_says_nothing():
     """Four through one medium are more like themselves than like one another; the fifth is alone behind its own."""
     one = task("several objects")

@@ -90,6 +90,7 @@ def test_what_is_neither_is_a_failure(small):
     assert results.interval("wide", NAME) == (0, 0, 0)
 
 
+@pytest.mark.slow
 def test_all_exposures_together_say_what_none_says_alone(small):
     results = benchmark({}, baselines=["untrained network", "spots together"], tasks=[NAME], samples=2)
     assert not results.failures

@@ -96,6 +96,7 @@ def alone(script):
     return np.array([script.patterns(medium, lit, seed) for seed in range(24)])
 
 
+@pytest.mark.slow
 def test_what_the_images_are_divided_by_is_their_mean(script, alone):
     """Light straight ahead over its envelope is even from ring to ring; undivided it is not."""
     divided = np.array([in_rings(script, each[0] / script.envelope(script.slab(**SLAB))) for each in alone])

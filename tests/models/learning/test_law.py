@@ -118,6 +118,7 @@ def score(powers, expected, other):
     return ((powers / expected - 1) * (weight - weight.mean(1, keepdims=True))).sum(1)
 
 
+@pytest.mark.slow
 def test_drawn_inputs_are_distributed_as_rendered_ones(setup):
     """Means, variances, covariances of lags: object and slab of a number are the same, so differences have mean 0."""
     (rendered, _), (drawn, _), laws = setup

@@ -88,6 +88,7 @@ def characters():
     return rendered("characters-of-new-fonts", SMALL, 320)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "by"), [("thickness", 1.1), ("optical_depth", 1.3), ("g", 0.95)])
 def test_images_are_of_the_slab_that_is_told(characters, name, by):
     """Thickness off by a tenth, which moves the range as much, or a wrong depth or g, is caught."""
@@ -154,6 +155,7 @@ def dimmed(places, weights):
     return places, np.where(weights == weights.max(), weights * 2 / 3, weights)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [moved, dimmed])
 def test_images_are_of_the_points_that_are_told(points, wrong):
     """Pair by pair; a point one pixel off, and one whose brightness is a third too low, are caught."""

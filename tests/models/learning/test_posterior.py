@@ -143,6 +143,7 @@ def seen():
     return periodogram(torch.from_numpy(images).float()), Optics(1.0, 3.0), no_end
 
 
+@pytest.mark.slow
 def test_draws_begin_at_images_that_are_given(seen):
     """Of draws that begin at the objects the best is nearer to them than of draws that begin at one another's."""
     objects, solver = letters(2), load_solver()

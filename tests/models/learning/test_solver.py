@@ -232,6 +232,7 @@ def test_an_image_of_an_infinite_range_gives_an_open_interval():
     assert fit.low < fit.factor < fit.high == np.inf
 
 
+@pytest.mark.slow
 def test_intervals_cover():
     """Characters drawn from the law, one and four together, far within the range, and one and three ranges wide.
     Wilson's 99 % limits, for each level and number of images."""

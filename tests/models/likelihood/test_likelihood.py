@@ -192,6 +192,7 @@ def test_tiles_and_frames_have_the_deviance_of_their_looks():
     assert expected_deviance(1) == pytest.approx(np.euler_gamma)
 
 
+@pytest.mark.slow
 def test_paths_sampler_images_agree():
     """Sums over paths know nothing of the likelihood's Gaussian statistics."""
     recipe = load_recipe(

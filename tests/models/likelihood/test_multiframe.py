@@ -68,6 +68,7 @@ def media():
     return cases
 
 
+@pytest.mark.slow
 def test_objects_are_found_without_a_prior_and_the_right_way_up(media):
     """Correlations beside those with the objects of the next medium, which are chance: two starts, not eight. The mean
     gain of a medium is above .4 by 4 standard errors. Upright are all: by chance in 2^-15."""

@@ -55,6 +55,7 @@ def test_what_a_photograph_holds(grain, profile):
     assert told.photons == pytest.approx(counts.mean(), rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_measurement_without_envelope_is_said_to_be_taken_for_even():
     line = np.linspace(-1.5, 1.5, SIDE)
     light = speckle(1)[0] * np.exp(-np.add.outer(line**2, line**2))

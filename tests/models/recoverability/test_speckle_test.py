@@ -112,6 +112,7 @@ def judged():
     return found.each[:8], found.each[8:]
 
 
+@pytest.mark.slow
 def test_no_certificate_for_what_is_no_speckle(judged):
     """Of 770 such images 97 % are refused, so fewer than eight of eleven once in 4000 choices; of speckle 1 %."""
     true, none = judged

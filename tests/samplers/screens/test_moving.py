@@ -59,6 +59,7 @@ def assert_same(one, two, slack):
         assert_z(a.mean(axis=0), b.mean(axis=0), error + 1e-12, degrees=len(a) - 1, slack=slack)
 
 
+@pytest.mark.slow
 def test_films_have_the_moments_of_waves(both):
     exact, drawn = both
     # Paraxial, as for tilts: half a per cent of the walk and of the lobe.

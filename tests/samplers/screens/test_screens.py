@@ -52,6 +52,7 @@ def assert_same_means(one, two, slack):
         assert_z(a.mean(axis=0), b.mean(axis=0), error, degrees=len(a) - 1, slack=slack)
 
 
+@pytest.mark.slow
 def test_fields_have_the_moments_of_waves(both):
     _, exact, drawn = both
     # Paraxial: angles of .06 lengthen the walk by 3 angle^2 / 2, half a per cent, and the lobe by as much.
