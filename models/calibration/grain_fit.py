@@ -44,6 +44,7 @@ _FAR = 0.62  # cycles a pixel, in all directions, beyond which noise is read at 
 _LAST = 0.7  # cycles a pixel: a corner alone has no more
 _FIRST = 2.5  # cells of a tile's frequencies about zero that are left out
 _STEPS, _RATE = 80, 0.1  # of Adam, on the logarithm of the brightness
+_EVEN = 1e-6  # contrast that is rounding
 _HANN = 2.25  # frequencies of a tile under a Hann window for one independent one
 _START = Retrieval(restarts=2, steps=4, error_reduction=20)
 
@@ -93,7 +94,7 @@ def fit_grain(images: Tensor, extent: int, profile: Profile = "disc", seed: Seed
     Raises
     ------
     RuleError
-        If a half of a photograph has no room for tiles of twice the extent.
+        If a half of a photograph has no room for tiles of twice the extent, or shows no speckle.
     """
     seen = host_tensor("fit_grain images", images)
     if seen.ndim != 3 or not len(seen):
@@ -109,7 +110,10 @@ def fit_grain(images: Tensor, extent: int, profile: Profile = "disc", seed: Seed
                "Take more of the camera, or a smaller extent.")  # fmt: skip
     tried = np.exp(np.arange(np.log(SMALLEST), np.log(LARGEST), STEP))
     passed = torch.stack([transfer(profile, float(grain), tile) for grain in tried]).float()
-    halves = [tile_power(each, tile) for each in (seen[:, :half], seen[:, half:])]
+    parts = seen[:, :half], seen[:, half:]
+    if not all((each.std((1, 2)) > _EVEN * each.mean((1, 2)).clamp_min(_EVEN)).all() for each in parts):
+        reject("fit_grain images", "of speckle in both halves", "a half that is even")
+    halves = [tile_power(each, tile) for each in parts]
     start = _first_image((halves[0] + halves[1]) / 2, size, seed)
     independent = seen.shape[-1] * half / tile**2 / _HANN
     total = np.zeros((len(seen), len(tried)))

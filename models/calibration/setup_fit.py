@@ -261,14 +261,13 @@ def fit_setup(
         seen = photographs
     else:
         seen = read_measurement(photographs, envelope=envelope, dark=dark)
+    seen.require_speckle(f"{_OWNER} photographs")
     doubts = list(seen.doubts)
     images = seen.images
     if len(images) > 1 and (alike := _correlation(images)) >= _ALIKE:
         doubts.append(f"frames correlate by {alike:.2f}: taken for one pattern, and averaged")
         images = images.mean(axis=0, keepdims=True)
     light = images / images.mean(axis=(1, 2), keepdims=True) - 1
-    if not light.any():
-        reject(f"{_OWNER} photographs", "of speckle", "frames that are even")
     shapes = PROFILES if profile is None else (profile,)
     guess = float(np.sqrt(max(_width(light) ** 2 - shown.half_width**2, 1.0)))
     tiles = _tiles(light, guess, shown)

@@ -219,6 +219,7 @@ def twin(
     else:
         fitted = "fit" if envelope is None and recipe is None else envelope
         seen = read_measurement(photographs, envelope=fitted, dark=dark)
+    seen.require_speckle(f"{_OWNER} photographs")
     order = seen.envelope_order or 0
     if recipe is None:
         setup = fit_setup(seen, pixel_integration=pixel_integration, profile=profile)

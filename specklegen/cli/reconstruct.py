@@ -139,6 +139,7 @@ def _measured(path: Path, read: "Callable[..., Measurement]", notes: list[str]) 
             found = read(read_grey(path))  # of colours, perhaps
     except (OSError, ValueError) as error:
         reject("reconstruct IMAGE", "a picture that can be read", str(path), f"It cannot: {error}.")
+    found.require_speckle(f"reconstruct IMAGE {path}")
     notes.extend(f"{path.name}: {doubt}" for doubt in found.doubts)
     if found.envelope is not None and found.envelope_order != 0:
         fitted = "as given" if found.envelope_order is None else f"fitted, order {found.envelope_order}"

@@ -20,6 +20,7 @@ from specklegen.measured.region import LEAST, Region, given_region, lit_region
 _FIELD = "read_measurement"
 _MANY = 0.01  # share of pixels that are saturated, at 0 or not good, from which on there is a doubt
 _REACH = 1e6  # spreads of the counts: beyond, differences of the light would be rounding
+_EVEN = 1e-6  # contrast that is rounding, whatever the camera
 _NOT_LIGHT = ("dark", "flat", "background", "bias")
 
 
@@ -82,6 +83,12 @@ class Measurement(Pictured):
     def images(self) -> np.ndarray:
         """Light over its envelope, float64[n, h, w]; the light itself where there is none."""
         return self.light if self.envelope is None else self.light / self.envelope
+
+    def require_speckle(self, field: str) -> None:
+        """Refuse frames whose pixels are all alike: constant, saturated, or of one bright pixel that is not good."""
+        if self.images.std() < _EVEN * self.images.mean():
+            reject(field, "of speckle", "frames that are even",
+                   "All pixels are alike: is the light on, and the camera not saturated?")  # fmt: skip
 
     def explain(self) -> str:
         """Say what was read, found, assumed and doubted, a line each."""

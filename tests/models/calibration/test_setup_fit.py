@@ -4,11 +4,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+import torch
 from refusals import assert_refused
 from scipy.stats import norm, t, ttest_1samp
 
 import specklegen as sg
+from specklegen.measured import read_measurement
 from specklegen.models.calibration import setup_fit
+from specklegen.models.calibration.grain_fit import fit_grain
 
 FALSE_ALARM = 1e-6
 SURE = norm.isf(FALSE_ALARM / 2)
@@ -135,6 +138,21 @@ def test_it_is_seen_told_and_used():
 ])  # fmt: skip
 def test_what_is_refused(changes, rule):
     assert_refused(lambda: sg.fit_setup(**{"photographs": speckle(0, 1, 128, 2.0), "envelope": None} | changes), rule)
+
+
+EVEN = {"constant": np.full((96, 96), 500.0), "saturated": np.full((96, 96), 4095.0), "one bright pixel": np.pad(
+    [[4000.0]], ((48, 47), (48, 47)), constant_values=100)}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EVEN)
+def test_frames_without_speckle_are_refused_in_a_sentence(name):
+    """One bright pixel is hot. Fits of their envelope leave rounding."""
+    seen = read_measurement(EVEN[name], envelope="fit")
+    for verb in (
+        lambda: sg.fit_setup(EVEN[name]), lambda: sg.twin(EVEN[name], images=8), lambda: sg.twin(seen, "tilt-stack"),
+        lambda: fit_grain(torch.tensor(EVEN[name])[None], 8), lambda: seen.require_speckle("reconstruct IMAGE"),
+    ):  # fmt: skip
+        assert_refused(verb, "must be of speckle.*even")
 
 
 @pytest.mark.slow
