@@ -19,14 +19,18 @@ from typing import Any
 import numpy as np
 import tifffile
 import tomli_w
+import torch
 from PIL import Image
 from scipy.io import savemat
 
 import specklegen as sg
 from specklegen.core.errors import ToldError
 from specklegen.datasets import load_recipe
+from specklegen.measured import read_curve
 from specklegen.measured.files import read_raw
 from specklegen.measured.sphere import read_sphere
+from specklegen.models.judging.entries import VERSION, read_entry
+from specklegen.models.learning.model_file import read_model, write_model
 
 FRAMES = (np.arange(3 * 12 * 10) % 251).reshape(3, 12, 10).astype(np.uint16)
 SPHERE = "IAD1\n" + "\n".join(map(str, [1.33, 1.5, 1.0, 1.0, 2.0, 0.99, 1, *[200.0, 20.0, 20.0, 5.0, 0.97] * 2]))
@@ -59,6 +63,38 @@ def _recipe() -> dict[str, Any]:
     return tomllib.loads(load_recipe("through-slab").to_toml())
 
 
+def _film(file: Path) -> bytes:
+    import av  # pyright: ignore[reportMissingImports]
+
+    with av.open(str(file), "w") as film:
+        stream = film.add_stream("ffv1" if file.suffix == ".mkv" else "rawvideo", rate=10)
+        stream.height, stream.width, stream.pix_fmt = *FRAMES.shape[1:], "gray"
+        for frame in FRAMES.astype(np.uint8):
+            film.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="gray")))
+        film.mux(stream.encode())
+    return file.read_bytes()
+
+
+def _written_beside(suffix: str, write: Callable[[Path], Any]) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"whole{suffix}"
+        write(file)
+        return file.read_bytes()
+
+
+def _spe() -> bytes:
+    head = np.zeros(4100, np.uint8)
+    head[108], head[42], head[656], head[1446] = 3, 10, 12, 3
+    return head.tobytes() + FRAMES.astype("<u2").tobytes()
+
+
+def _entry() -> dict[str, Any]:
+    score = dict.fromkeys(("mean", "low", "high", "chance"), 0.5)
+    of_task = {"digest": "0" * 64, "images": 9} | dict.fromkeys(("pearson", "psnr", "ssim"), score)
+    stated = dict.fromkeys(("name", "by", "about", "trained_on"), "x")
+    return stated | {"memory_effect": True, "version": VERSION - 1, "tasks": {"slab": of_task}}
+
+
 def _read_scene(file: Path) -> Any:
     return sg.Scene.from_json(file.read_bytes().decode("utf-8", "replace"))
 
@@ -74,6 +110,14 @@ FORMATS: dict[str, tuple[Callable[[], bytes | dict[str, Any]], Callable[[Path], 
     ".npy": (lambda: _written(lambda b: np.save(b, FRAMES)), _frames),
     ".mat": (lambda: _written(lambda b: savemat(b, {"frames": FRAMES}, do_compression=True)), _frames),
     ".h5": (lambda: _written(_hdf5), _frames),
+    ".spe": (_spe, _frames),
+    ".avi": (lambda: _written_beside(".avi", _film), _frames),
+    ".mkv": (lambda: _written_beside(".mkv", _film), _frames),
+    ".csv": (lambda: b"pixels, C_I, error\n0, 1.0, 0.01\n5, 0.86, 0.02\n10, 0.55, 0.02\n", read_curve),
+    ".entry.json": (_entry, read_entry),
+    ".model": (
+        lambda: _written_beside(".model", lambda file: write_model(file, {"a": 1}, {"w": torch.ones(3, 4)})), read_model
+    ),
     ".rxt": (lambda: f"{SPHERE}\nr t u\n.31 .40 .05\n".encode(), read_sphere),
     ".json": (_scene, _read_scene),
     ".toml": (_recipe, load_recipe),

@@ -8,15 +8,13 @@ A file is decoded by the reader that its name calls for and by no other, and onl
 small enough: a small file can hold a picture that fills the memory.
 """
 
-from math import prod
 from pathlib import Path
 
 import numpy as np
 
-from specklegen.instrument.tiff import read_tiff, require_small, with_plain_mode
-
-MOST_PIXELS = 2**26
-"""Pixels of a picture, at most: 8192 x 8192."""
+from specklegen.core.file_limits import MOST_PIXELS_OF_PICTURES as MOST_PIXELS
+from specklegen.core.file_limits import read_npy, require_small
+from specklegen.instrument.tiff import read_tiff, with_plain_mode
 
 _LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
 
@@ -53,15 +51,7 @@ def _read_tiff(path: Path) -> np.ndarray:
 
 
 def _read_numpy(path: Path) -> np.ndarray:
-    mapped = np.load(path, mmap_mode="r", allow_pickle=False)  # the header; the numbers when they are asked for
-    require_small(_pixels(mapped.shape), MOST_PIXELS)
-    return np.array(mapped)
-
-
-def _pixels(shape: tuple[int, ...]) -> int:
-    """Pixels of an array [..., h, w] or [h, w, c]; c, the last of three axes, is at most 4."""
-    colours = len(shape) == 3 and shape[2] <= 4
-    return prod(shape[:2] if colours else shape)
+    return read_npy(path, MOST_PIXELS, colours=True)
 
 
 _READERS = {

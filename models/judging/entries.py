@@ -11,6 +11,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from specklegen.core.display.escape import cell
 from specklegen.core.errors import reject
+from specklegen.core.tables import json_table, read_text
 from specklegen.core.values import Finite, PositiveInt, Value, broken_rules
 from specklegen.models.judging.tasks import TASKS, VERSION, complete_run, counted_tasks, task
 
@@ -147,12 +148,8 @@ def _rounded(value: Any) -> Any:
 
 def read_entry(file: Path) -> Entry:
     """Read an entry."""
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except (ValueError, OSError) as error:
-        reject(f"entry {file.name}", "a file of JSON", f"{error}")
-    if not isinstance(content, dict):
-        reject(f"entry {file.name}", "a table of the fields of Entry", content)
+    field = f"entry {file.name}"
+    content = json_table(read_text(file, field), field)
     content.pop("answers", None)  # entries of earlier versions name a file, and a commitment to a secret seed or none
     if content.get("commitment") == "":
         del content["commitment"]

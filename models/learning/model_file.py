@@ -19,10 +19,8 @@ import torch
 from torch import Tensor
 
 from specklegen.core.errors import RuleError, reject
+from specklegen.core.file_limits import LARGEST_HEADER, LARGEST_MODEL
 from specklegen.core.whole_files import write_whole
-
-LARGEST_FILE = 2 * 2**30
-LARGEST_HEADER = 2**20
 
 _KINDS = {"F32": np.dtype("<f4"), "F16": np.dtype("<f2"), "I8": np.dtype("i1"), "I64": np.dtype("<i8")}
 _DIGEST = re.compile(rb'"sha256":"([0-9a-f]{64})"')
@@ -67,8 +65,8 @@ def read_model(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     if not path.is_file():
         reject("model", "a file", str(path))
     size = path.stat().st_size
-    if size > LARGEST_FILE:
-        reject("model", f"a file of at most {LARGEST_FILE // 2**20} MiB", str(path))
+    if size > LARGEST_MODEL:
+        reject("model", f"a file of at most {LARGEST_MODEL // 2**20} MiB", str(path))
     content = path.read_bytes()
     length = int.from_bytes(content[:8], "little")
     digest = _DIGEST.search(content, 8, 8 + min(length, LARGEST_HEADER))

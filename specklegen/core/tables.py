@@ -11,11 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from specklegen.core.errors import reject
-
-DEEPEST = 64
-"""Tables and lists inside one another, at most; what reads them recurses."""
-LARGEST_TEXT = 64 * 2**20
-"""Bytes of a table, at most."""
+from specklegen.core.file_limits import DEEPEST, LARGEST_TEXT
 
 
 def read_text(path: Path, field: str) -> str:

@@ -4,16 +4,13 @@ A file is decoded by the reader that its name calls for and by no other, and onl
 enough: a small file can hold frames that fill the memory.
 """
 
-from math import prod
 from pathlib import Path
 
 import numpy as np
 
-from specklegen.instrument.tiff import read_tiff, require_small
+from specklegen.core.file_limits import MOST_PIXELS, read_npy, require_small
+from specklegen.instrument.tiff import read_tiff
 from specklegen.instrument.videos import read_spe, read_video
-
-MOST_PIXELS = 2**28
-"""Pixels of all frames of a file, at most: a minute of 2048 x 2048 at one a second."""
 
 
 def read_frames(path: str | Path) -> np.ndarray:
@@ -74,9 +71,8 @@ def _read_common(path: Path, format: str) -> np.ndarray:
 
 
 def _read_numpy(path: Path) -> np.ndarray:
-    mapped = np.load(path, mmap_mode="r", allow_pickle=False)  # the header; the numbers when they are asked for
-    require_small(prod(mapped.shape), MOST_PIXELS)
-    return np.array(mapped)[None] if mapped.ndim == 2 else np.array(mapped)
+    array = read_npy(path, MOST_PIXELS)
+    return array[None] if array.ndim == 2 else array
 
 
 def _read_lossy(path: Path) -> np.ndarray:

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from specklegen.core.file_limits import require_small
+
 _LOSSLESS = {1, 5, 8, 32773, 32946, 50000}  # none, LZW, deflate, PackBits, deflate, zstandard
 _WITHOUT_CODECS = {1, 8, 32773, 32946}  # that tifffile decodes by itself
 _PALETTE = 3
@@ -63,15 +65,3 @@ def with_plain_mode(page):
     if page.mode in _PLAIN_MODES or page.mode.startswith(("I", "F")):
         return page
     return page.convert("RGBA" if page.has_transparency_data else "RGB")
-
-
-def require_small(pixels: int, most: int) -> None:
-    """Refuse a file of more pixels than may be held.
-
-    Raises
-    ------
-    ValueError
-        For such a file.
-    """
-    if pixels > most:
-        raise ValueError(f"it has {pixels} pixels, more than {most}")

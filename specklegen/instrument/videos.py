@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from specklegen.instrument.tiff import require_small
+from specklegen.core.file_limits import require_small
 
 _LOSSLESS = {"rawvideo", "ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "magicyuv", "zlib"}
 _CONTAINERS = {".avi": "avi", ".mkv": "matroska", ".mov": "mov"}

@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from specklegen.instrument.frames import MOST_PIXELS
+from specklegen.core.file_limits import LARGEST_CHUNK, MOST_PIXELS
 
-LARGEST_CHUNK = 2**28
-"""Bytes of a chunk of HDF5, which is unpacked whole, however few of its numbers belong to the data set."""
 _NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 
 

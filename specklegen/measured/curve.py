@@ -11,9 +11,7 @@ import numpy as np
 from specklegen.core.arguments import whole_number
 from specklegen.core.display.plot import Pictured, draw_curve
 from specklegen.core.errors import reject
-
-MOST_BYTES = 2**24
-"""Length of a file, at most."""
+from specklegen.core.file_limits import LARGEST_CURVE as MOST_BYTES
 
 
 @dataclass(frozen=True, eq=False, repr=False)

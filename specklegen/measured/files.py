@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import on_host
 from specklegen.core.errors import counted, reject
-from specklegen.instrument.frames import MOST_PIXELS, SUFFIXES, read_frames
+from specklegen.core.file_limits import MOST_PIXELS
+from specklegen.instrument.frames import SUFFIXES, read_frames
 from specklegen.measured.array_files import read_hdf5, read_matlab
 
 Source = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | ArrayLike

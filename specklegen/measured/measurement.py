@@ -10,7 +10,7 @@ from specklegen.core.arguments import flag, real_number, whole_number
 from specklegen.core.display.plot import Pictured, draw_images
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import counted, reject
-from specklegen.instrument.frames import MOST_PIXELS
+from specklegen.core.file_limits import MOST_PIXELS
 from specklegen.instrument.hot_pixels import filled, hot_among_neighbours, hot_in_dark
 from specklegen.measured.counts import found_range
 from specklegen.measured.envelope import fit_envelope

@@ -1,6 +1,7 @@
 """Files that others send: a seeded subset of tests/fuzz_files.py, and HDF5 that asks for more than it holds."""
 
 import logging
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -9,19 +10,17 @@ from fuzz_files import FORMATS, run
 from specklegen.core.errors import RuleError
 from specklegen.instrument.frames import read_frames
 from specklegen.measured.files import read_raw
+from specklegen.models.judging.entries import read_entry
 
 
 def formats():
-    try:
-        import h5py  # noqa: F401
-    except ImportError:
-        return tuple(suffix for suffix in FORMATS if suffix != ".h5")
-    return tuple(FORMATS)
+    needs = {".h5": "h5py", ".avi": "av", ".mkv": "av"}
+    return tuple(suffix for suffix in FORMATS if find_spec(needs.get(suffix, "numpy")))
 
 
 def test_a_mutated_file_is_read_or_refused_with_a_sentence(tmp_path):
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
-    counts = run(360, tmp_path, seed=1, formats=formats())
+    counts = run(450, tmp_path, seed=1, formats=formats())
     assert [outcome for _, outcome in counts if outcome.startswith("raw")] == []
     assert {suffix for suffix, outcome in counts if outcome == "refused"} == set(formats())
 
@@ -47,8 +46,17 @@ def test_a_virtual_data_set_of_another_file_is_not_read(tmp_path):
 
 
 def test_a_refusal_lists_the_endings_that_are_read(tmp_path):
-    with pytest.raises(ValueError, match=r"none of \.tif, \.tiff, \.png, \.bmp, \.npy$"):
-        read_frames(tmp_path / "a.avi")
+    with pytest.raises(ValueError, match=r"none of \.tif, \.tiff, \.png, \.bmp, \.npy, \.avi, \.mkv, \.mov, \.spe$"):
+        read_frames(tmp_path / "a.gif")
+
+
+def test_an_entry_without_end_or_of_gigabytes_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "deep.json").write_text('{"tasks": ' * 100_000)
+    with pytest.raises(RuleError, match="nested at most 64"):
+        read_entry(tmp_path / "deep.json")
+    monkeypatch.setattr("specklegen.core.tables.LARGEST_TEXT", 9)
+    with pytest.raises(RuleError, match="a text of at most"):
+        read_entry(tmp_path / "deep.json")
 
 
 @pytest.mark.parametrize("type_", [[], {}, None, 3])
