@@ -22,6 +22,8 @@ from .metrics import align as align
 from .metrics import bootstrap as bootstrap
 from .metrics import scores as scores
 from .recoverability.assessment import reconstruct_and_assess as reconstruct_and_assess
+from .recoverability.image_retrieval import ImageRetrieval as ImageRetrieval
+from .recoverability.image_retrieval import retrieve_image as retrieve_image
 from .recoverability.photograph import PhotographVerdict as PhotographVerdict
 from .recoverability.photograph import judge_photograph as judge_photograph
 from .recoverability.verdict import Verdict as Verdict

@@ -485,6 +485,9 @@ def others() -> Iterator[Call]:
     )  # fmt: skip
     yield Call("models.judge_photograph", models.judge_photograph,
                {"photographs": IMAGES[0], "dark": 0.0, "camera": instrument.Camera(photons=10.0)})  # fmt: skip
+    yield Call("models.retrieve_image", models.retrieve_image,
+               {"source": IMAGES[0], "grain": 3.0, "extent": 8.0, "noise": 0.0, "pixel": 1.0, "envelope": None,
+                "retrieval": models.Retrieval(restarts=1, steps=1), "seed": 0})  # fmt: skip
     yield Call(
         "models.evaluate", models.evaluate,
         {"methods": {"one": lambda batch: batch["image"]}, "batches": Lazy(hidden), "profile": "square"},

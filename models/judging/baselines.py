@@ -24,6 +24,7 @@ from specklegen.models.metrics import align
 from specklegen.models.retrieval.apodisation import transfer_function
 from specklegen.models.retrieval.autocorrelation import lag_means, memory_effect_at_lags
 from specklegen.models.retrieval.camera_noise import Stated, camera_noise
+from specklegen.models.retrieval.edges import taper_of
 from specklegen.models.retrieval.phase_retrieval import Retrieval, retrieve
 from specklegen.models.retrieval.wiener import Division, choice, lag_variance, weights
 from specklegen.scene.window import Profile
@@ -235,9 +236,10 @@ def seen_lags(batch: Batch, camera: Stated = "unknown", profile: Profile | None 
     flat = images / images.mean((-2, -1), keepdim=True)
     step, grain = steps_of(batch).double(), grain_pixels(batch).double()
     rows, columns = flat.shape[-2:]
-    every = lag_means(flat - 1, (rows - 1, columns - 1))
+    taper = taper_of(images)
+    every = lag_means(flat - 1, (rows - 1, columns - 1), taper)
     every[..., 0, 0] -= camera_noise(images, (grain * step)[:, None], camera, profile)
-    every, variance = every.mean(1), lag_variance(images).mean(1) / images.shape[1]
+    every, variance = every.mean(1), lag_variance(images, taper).mean(1) / images.shape[1]
     peak = every[..., 0, 0].clamp_min(torch.finfo(every.dtype).tiny)
     lags = resampled_lags(torch.fft.fftshift(every / peak[:, None, None], dim=(-2, -1)), step, FRAME)
     return SeenLags(torch.fft.ifftshift(without_background(lags), dim=(-2, -1)), variance / peak.square(), grain)

@@ -103,7 +103,8 @@ def classes_by_law(images: Tensor, recipe: HiddenObject, *, samples: int = SAMPL
     wavelength, width, camera, pitch = (float(values[0]) for values in settings.values())
     grain = wavelength / width / camera
     one = Optics(pitch / camera, grain, recipe.profile, recipe.pixel_integration)
-    seen = seen_by_camera(images[:, None].float(), torch.full((len(images),), grain), None, recipe.exposure or "none")
+    grains = torch.full((len(images),), grain)
+    seen = seen_by_camera(images[:, None].float(), grains, None, recipe.exposure or "none", taper=0.0)
     law = SpeckleLikelihood(seen, recipe.objects.shape, one)
     power = law.power[:, law.used[0]]
     if seen.noise.max() - seen.noise.min() > _NOISES * power.median(1).values.min():

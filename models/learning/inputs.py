@@ -23,6 +23,7 @@ from specklegen.models.likelihood.likelihood import BAND, lag_transforms
 from specklegen.models.likelihood.spectrum import Transforms
 from specklegen.models.retrieval.autocorrelation import lag_means
 from specklegen.models.retrieval.camera_noise import READABLE, camera_noise
+from specklegen.models.retrieval.edges import lowest_frequency, pair_counts, taper_of, tapered
 
 LAGS = 64
 """Side of the window of lags: up to 32 object pixels either way, for objects of at most 32 pixels."""
@@ -31,12 +32,13 @@ LAGS = 64
 def speckle_autocorrelation(images: Tensor, noise: Tensor | None = None) -> Tensor:
     """Autocorrelation of fluctuations, float[..., 2H - 1, 2W - 1], zero lag in the middle and equal to 1.
 
-    Every lag is divided by the number of pixel pairs that it has; ``noise``, the variance that a camera adds to a
-    pixel, float[...], is taken off the zero lag.
+    Every lag is divided by the number of pixel pairs that it has, under the taper that an image's light asks for
+    (:func:`~specklegen.models.retrieval.edges.taper_of`); ``noise``, the variance that a camera adds to a pixel,
+    float[...], is taken off the zero lag.
     """
     rows, columns = images.shape[-2:]
     fluctuation = images - images.mean((-2, -1), keepdim=True)
-    lags = lag_means(fluctuation, (rows - 1, columns - 1))
+    lags = lag_means(fluctuation, (rows - 1, columns - 1), taper_of(images))
     if noise is not None:
         lags[..., 0, 0] -= noise.to(lags)
     peak = lags[..., :1, :1].clamp_min(torch.finfo(lags.dtype).tiny)
@@ -90,12 +92,16 @@ def object_lags(images: Tensor, step: Tensor, size: int, noise: Tensor | None = 
 
 def _half_by_half(image: Tensor, step: Tensor, size: int, noise: Tensor) -> Tensor:
     """One image float[H, W]; only lags with a row of at least 0 are summed, the others are these turned about."""
-    shape, half = image.shape, size // 2
+    shape, half, taper = image.shape, size // 2, float(taper_of(image[None]))
     reach = [min(n - 1, math.ceil(half * float(step) + max(float(step), 1.0))) for n in shape]
     padded = [int(next_fast_len(n + far, real=True) or 0) for n, far in zip(shape, reach, strict=True)]
-    spectrum = torch.view_as_real(torch.fft.rfft2(image - image.mean(), s=padded)).square_()
+    light = tapered((image - image.mean())[None], taper)[0]
+    spectrum = torch.view_as_real(torch.fft.rfft2(light, s=padded)).square_()
     sums = torch.fft.irfft2((spectrum[..., 0] + spectrum[..., 1]).to(image.dtype.to_complex()), s=padded)
-    pairs = [n - torch.arange(-far, far + 1, dtype=image.dtype).abs() for n, far in zip(shape, reach, strict=True)]
+    pairs = [
+        pair_counts(torch.arange(-far, far + 1, dtype=image.dtype), n, taper).to(image)
+        for n, far in zip(shape, reach, strict=True)
+    ]
     kept = torch.cat([sums[: reach[0] + 1, -reach[1] :], sums[: reach[0] + 1, : reach[1] + 1]], dim=1)
     kept = kept / (pairs[0][reach[0] :, None] * pairs[1])
     if noise:
@@ -233,7 +239,7 @@ def band(shape: tuple[int, int], grain: float) -> tuple[Tensor, Tensor]:
     return torch.arange(-rows, rows + 1), torch.arange(columns + 1)
 
 
-def banded_lags(power: Tensor, shape: tuple[int, int], grain: float, step: float) -> Tensor:
+def banded_lags(power: Tensor, shape: tuple[int, int], grain: float, step: float, taper: float = 0.0) -> Tensor:
     """Lags float32[LAGS, LAGS], the zero lag in the middle and 1, of one periodogram float[F, G], its noise taken off.
 
     Parameters
@@ -244,19 +250,25 @@ def banded_lags(power: Tensor, shape: tuple[int, int], grain: float, step: float
         Of the camera.
     grain, step
         Camera pixels in a grain, and in an object pixel.
+    taper
+        That the power was seen under (:mod:`~specklegen.models.retrieval.edges`).
     """
-    counted, turns = _banded(shape, grain, step, power.device)
+    counted, turns = _banded(shape, grain, step, power.device, taper)
     lags = turns.back((power * counted)[None])[0]
     return torch.fft.fftshift(lags / lags[0, 0].clamp_min(torch.finfo(lags.dtype).tiny))
 
 
 @lru_cache(maxsize=64)
-def _banded(shape: tuple[int, int], grain: float, step: float, device: torch.device) -> tuple[Tensor, Transforms]:
+def _banded(
+    shape: tuple[int, int], grain: float, step: float, device: torch.device, taper: float
+) -> tuple[Tensor, Transforms]:
     """Frequencies that count, of two opposite ones one, float32[F, G], and transforms to lags."""
     rows, columns = band(shape, grain)
     counted = (columns > 0) | (rows > 0)[:, None]
     cycles = rows.double() / shape[0], columns.double() / shape[1]
-    turns = lag_transforms(cycles, shape, torch.tensor([step], dtype=torch.float32), LAGS)
+    if taper:
+        counted &= torch.hypot(cycles[0][:, None], cycles[1]) >= lowest_frequency(taper, shape)
+    turns = lag_transforms(cycles, shape, torch.tensor([step], dtype=torch.float32), LAGS, taper)
     return counted.float().to(device), Transforms(*(each.to(device) for each in turns))
 
 
@@ -279,9 +291,11 @@ def periodogram_input(batch: Mapping[str, Any]) -> Tensor:
     lags = []
     for n, grain in enumerate(grains):
         rows, columns = band(shape, grain)
-        power = torch.fft.rfft2(images[n])[rows % shape[0]][:, columns].abs().square() / (shape[0] * shape[1])
+        taper = float(taper_of(images[n : n + 1]))
+        light = tapered(images[n : n + 1], taper)[0]
+        power = torch.fft.rfft2(light)[rows % shape[0]][:, columns].abs().square() / (shape[0] * shape[1])
         level = 0.0 if noise is None else noise[n].to(power)
-        lags.append(banded_lags(power - level, shape, grain, float(step[n])))
+        lags.append(banded_lags(power - level, shape, grain, float(step[n]), taper))
     return _with_scale(torch.stack(lags), step.float())
 
 

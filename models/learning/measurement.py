@@ -13,6 +13,7 @@ from specklegen.models.likelihood.likelihood import Optics
 from specklegen.models.likelihood.periodogram import Periodogram, periodogram
 from specklegen.models.retrieval.autocorrelation import MemoryEffect, memory_effect_of
 from specklegen.models.retrieval.camera_noise import Stated, camera_noise
+from specklegen.models.retrieval.edges import taper_of
 from specklegen.scene.window import Profile
 
 TILE = 160
@@ -21,16 +22,23 @@ TILE = 160
 
 def seen_by_camera(
     images: torch.Tensor, grain: torch.Tensor, tile: int | None = TILE, camera: Stated = "unknown",
-    profile: Profile | None = None,
+    profile: Profile | None = None, taper: float | None = None,
 ) -> Periodogram:  # fmt: skip
-    """Periodograms of images real[B, F, H, W] with the noise of :func:`camera_noise`; grains float[B], in pixels."""
-    spectra = periodogram(images, tile=tile)
+    """Periodograms of images real[B, F, H, W] with the noise of :func:`camera_noise`; grains float[B], in pixels.
+
+    Each is seen under the taper that its light asks for (:func:`~specklegen.models.retrieval.edges.taper_of`), unless
+    one is given.
+    """
+    shares = taper_of(images) if taper is None else taper
+    spectra = periodogram(images, tile=tile, taper=shares)
     noise = camera_noise(images, grain[:, None], camera, profile).mean(1)
     return spectra._replace(noise=noise.to(spectra.noise))
 
 
-def measured(batch: Mapping[str, Any], recipe: HiddenObject) -> tuple[Periodogram, Optics, list[MemoryEffect]]:
-    """What was measured of the samples of a batch, the memory effect of their materials known."""
+def measured(
+    batch: Mapping[str, Any], recipe: HiddenObject, taper: float | None = None
+) -> tuple[Periodogram, Optics, list[MemoryEffect]]:
+    """What was measured of the samples of a batch, the memory effect of their materials known; taper as above."""
     name = next((name for name in ("image", "frames") if name in batch), None)
     if name is None:
         reject("measured batch", 'one with "image" or "frames"', sorted(batch))
@@ -45,4 +53,5 @@ def measured(batch: Mapping[str, Any], recipe: HiddenObject) -> tuple[Periodogra
         correlation = recipe.material.known(recipe.material.slab_of(own)).correlation
         memory.append(memory_effect_of(correlation, own["wavelength"], own["object_pitch"]))
     optics = Optics(step.float(), grain.float(), recipe.profile, recipe.pixel_integration)
-    return seen_by_camera(images, grain, camera=recipe.exposure or "none", profile=recipe.profile), optics, memory
+    spectra = seen_by_camera(images, grain, camera=recipe.exposure or "none", profile=recipe.profile, taper=taper)
+    return spectra, optics, memory

@@ -45,7 +45,8 @@ def fisher_information(
         bright = (lit / whole).flatten(1).double() * likelihood.used.flatten(1)
         crossed = slopes @ bright[..., None]
         taken = crossed @ crossed.mT / bright.square().sum(1)[:, None, None]
-        return likelihood.looks * (slopes @ slopes.mT - taken)
+        share = likelihood.counted[:, 0].double()[:, None, None]
+        return likelihood.looks * share * (slopes @ slopes.mT - taken)
 
 
 def lag_slopes(objects: Tensor, directions: Tensor) -> Tensor:

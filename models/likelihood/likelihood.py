@@ -29,6 +29,7 @@ from specklegen.memory_effects.correlation import MemoryEffectCorrelation
 from specklegen.models.likelihood.periodogram import Periodogram
 from specklegen.models.likelihood.spectrum import Transforms, autocorrelation_of, transforms, waves
 from specklegen.models.retrieval.autocorrelation import at_distances, memory_effect_of
+from specklegen.models.retrieval.edges import independent, lag_weights, lowest_frequency, shares_of
 from specklegen.scene.window import PROFILES, Profile, Window
 
 BAND = 0.92
@@ -151,6 +152,8 @@ class SpeckleLikelihood(nn.Module):
     step: Tensor
     grain: Tensor
     power: Tensor
+    taper: Tensor
+    counted: Tensor
     noise: Tensor
     used: Tensor
     rows: Tensor
@@ -175,18 +178,24 @@ class SpeckleLikelihood(nn.Module):
         columns = torch.arange(reach[1] + 1)
         power = seen.power[:, rows % seen.shape[0]][..., : reach[1] + 1]
         across, down = (x.double() / n for x, n in ((columns, seen.shape[1]), (rows, seen.shape[0])))
-        used = _used(down, across, grain.double().cpu(), optics.profile, seen.lowest)
+        shares = shares_of(seen.taper, count)
+        lowest = [max(seen.lowest, lowest_frequency(share, seen.shape)) for share in shares]
+        used = _used(down, across, grain.double().cpu(), optics.profile, torch.tensor(lowest, dtype=torch.float64))
         used &= (columns > 0) | (rows > 0)[:, None]  # of two opposite frequencies one, and not f = 0
         if not used.flatten(1).any(1).all():
             reject("SpeckleLikelihood seen", "with a frequency inside the window's band", seen.shape,
                    "Use a larger camera or tile, or a narrower envelope.")  # fmt: skip
         matrices = transforms(
-            down.numpy(), across.numpy(), seen.shape, self.shape, step, grain, optics.profile, optics.pixel_integration
-        )
+            down.numpy(), across.numpy(), seen.shape, self.shape, step, grain, optics.profile, optics.pixel_integration,
+            seen.taper,
+        )  # fmt: skip
         self.down, self.across, self.tile = down, across, seen.shape
         self.register_buffer("step", step)
         self.register_buffer("grain", grain)
         self.register_buffer("power", power)
+        self.register_buffer("taper", torch.tensor(shares, dtype=torch.float64))
+        counted = torch.tensor([independent(seen.shape, share) for share in shares]).to(power)
+        self.register_buffer("counted", counted)
         self.register_buffer("noise", seen.noise.to(dtype))
         self.register_buffer("used", used.to(power.device))
         self.register_buffer("rows", matrices.rows)
@@ -266,27 +275,29 @@ class SpeckleLikelihood(nn.Module):
         divided by the share of pixel pairs that it has, where that is at least a tenth.
         """
         power = torch.where(self.used, self.power - self.noise[:, None, None], 0.0)
-        return lag_transforms((self.down, self.across), self.tile, self.step, size).back(power)
+        return lag_transforms((self.down, self.across), self.tile, self.step, size, self.taper).back(power)
 
     def lag_variance(self) -> Tensor:
         """Variance of a lag (Bartlett), float[B]; see :func:`specklegen.models.retrieval.wiener.lag_variance`."""
         squares = torch.where(self.used, self.power, 0.0).square().sum((-2, -1))
-        return 2 * squares / (self.looks + 1) / (self.tile[0] * self.tile[1]) ** 2
+        return 2 * squares / (self.looks + 1) / (self.tile[0] * self.tile[1]) ** 2 / self.counted[:, 0]
 
     @property
     def frequencies(self) -> Tensor:
-        """How many frequencies count, int64[B]."""
-        return self.used.flatten(1).sum(1)
+        """How many independent frequencies count, float[B]: under a taper fewer than are used."""
+        return self.used.flatten(1).sum(1) * self.counted[:, 0]
 
     @property
     def spread(self) -> Tensor:
         """Standard deviation of the log-likelihood of the true object, float[B].
 
-        Of each frequency I / S - log(I / S) has the variance psi'(n) - 1 / n, of n looks.
+        Of each frequency I / S - log(I / S) has the variance psi'(n) - 1 / n, of n looks; neighbours under a taper are
+        correlated (:func:`~specklegen.models.retrieval.edges.independent`).
         """
         looks = torch.tensor(self.looks, dtype=torch.float64)
         each = float(torch.polygamma(1, looks) - 1 / looks)
-        return self.looks * (each * self.frequencies.to(self.power)).sqrt()
+        share, growth = self.counted.unbind(1)
+        return self.looks * (each * growth * share * self.frequencies).sqrt()
 
     def excess(self, objects: Tensor, memory_effect: Tensor | None = None) -> Tensor:
         """-log L less what it is expected to be of the true object, float[B, ...]."""
@@ -300,7 +311,9 @@ class SpeckleLikelihood(nn.Module):
         return -self.looks * self.frequencies.reshape(-1, *[1] * (deviance.ndim - 1)) * deviance
 
 
-def lag_transforms(frequencies: tuple[Tensor, Tensor], tile: tuple[int, int], step: Tensor, size: int) -> Transforms:
+def lag_transforms(
+    frequencies: tuple[Tensor, Tensor], tile: tuple[int, int], step: Tensor, size: int, taper: Tensor | float = 0.0
+) -> Transforms:
     """Transforms whose ``back`` turns periodograms float[B, F, G] into lags float[B, n, n] of an object's pixels.
 
     Of two opposite frequencies a periodogram holds one, and 0 at the other. The zero lag is the first; lags are divided
@@ -316,12 +329,17 @@ def lag_transforms(frequencies: tuple[Tensor, Tensor], tile: tuple[int, int], st
         Pixels between those of the object, float[B].
     size
         n.
+    taper
+        Share of the tile's sides on the ramps of its taper, one number or float[B].
     """
     steps = torch.fft.fftfreq(size, 1 / size).double()
     reach = steps.to(step).abs() * step[:, None]
     sides = []
     for each, pixels, both in zip(frequencies, tile, (2.0, 1.0), strict=True):
-        pairs = (1 - reach / pixels).clamp_min(0.1)
+        weights = [
+            lag_weights(own, pixels, share) for own, share in zip(reach, shares_of(taper, len(reach)), strict=True)
+        ]
+        pairs = torch.stack(weights).clamp_min(0.1)
         sides.append(waves(each.numpy(), steps.numpy(), step) * (both / pixels / pairs)[:, None, None, None])
     return Transforms(*sides)
 
@@ -335,14 +353,14 @@ def each_of(field: str, value: float | Tensor, count: int, dtype: torch.dtype) -
     return number.expand(count)
 
 
-def _used(rows: Tensor, columns: Tensor, grain: Tensor, profile: Profile, lowest: float) -> Tensor:
+def _used(rows: Tensor, columns: Tensor, grain: Tensor, profile: Profile, lowest: Tensor) -> Tensor:
     """Frequencies inside the window's band and above an envelope's, bool[B, F, G]."""
     window = Window(profile, 1.0)
     v, u = rows[:, None] * grain[:, None, None], columns * grain[:, None, None]
     inside = torch.from_numpy(window.overlap(u.numpy(), v.numpy())) >= PASSED
     if window.sharp:
         inside &= (u.abs() <= BAND) & (v.abs() <= BAND)
-    return inside & (torch.hypot(rows[:, None], columns) >= lowest)
+    return inside & (torch.hypot(rows[:, None], columns) >= lowest[:, None, None])
 
 
 def _brightness(alone: Tensor, power: Tensor, used: Tensor, noise: Tensor) -> Tensor:

@@ -18,6 +18,7 @@ from specklegen.core.arguments import host_tensor, positive_number, real_number,
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.models.retrieval.autocorrelation import envelope
+from specklegen.models.retrieval.edges import tapered
 
 _LEFT = 0.05
 """Largest share of a frequency's power that the removal of an envelope may take with it."""
@@ -38,6 +39,8 @@ class Periodogram(NamedTuple):
         Of a tile, (M, N) pixels.
     lowest : float
         Frequency, in cycles a pixel, below which an envelope's removal left nothing to be used.
+    taper : float or float64[B]
+        Share of a tile's sides on the ramps of the taper that it was seen under; 0 for none.
 
     Examples
     --------
@@ -53,17 +56,19 @@ class Periodogram(NamedTuple):
     looks: float
     shape: tuple[int, int]
     lowest: float = 0.0
+    taper: Tensor | float = 0.0
 
     __repr__ = short
 
     def select(self, which: Tensor | slice) -> Self:
         """Some of the objects."""
-        return self._replace(power=self.power[which], noise=self.noise[which])
+        taper = self.taper[which] if isinstance(self.taper, Tensor) else self.taper
+        return self._replace(power=self.power[which], noise=self.noise[which], taper=taper)
 
 
 def periodogram(
     images: Tensor, *, tile: int | None = None, background: float = 0.0, sigma: float | None = None,
-    electrons: float = float("inf"), read_noise: float = 0.0,
+    electrons: float = float("inf"), read_noise: float = 0.0, taper: Tensor | float = 0.0,
 ) -> Periodogram:  # fmt: skip
     """Periodogram of camera images.
 
@@ -82,6 +87,9 @@ def periodogram(
         Photo-electrons that an image value of 1 stands for; by default infinite, no shot noise.
     read_noise
         Standard deviation of the readout, electrons.
+    taper
+        Share of a tile's sides on the ramps of a cosine taper (:mod:`~specklegen.models.retrieval.edges`), 0 to 1; one
+        number, or one for each object. Uneven light leaks without one; by default there is none.
 
     Raises
     ------
@@ -116,10 +124,13 @@ def periodogram(
     counted = images if images.dtype == torch.float64 else images.float()
     flat, slow, lowest = flattened(counted, background, sigma, "periodogram")
     noise = ((counted / electrons + (read_noise / electrons) ** 2) / slow.square()).mean((-3, -2, -1))
-    tiles = _tiles(flat, tile)
+    shares = torch.as_tensor(taper, dtype=torch.float64)
+    if shares.shape not in ((), (len(images),)) or not ((shares >= 0) & (shares <= 1)).all():
+        reject("periodogram taper", f"from 0 to 1, one number or one for each of {len(images)} objects", taper)
+    tiles = tapered(_tiles(flat, tile), shares)
     power = torch.fft.rfft2(tiles).abs().square().mean((1, 2)) / (tiles.shape[-2] * tiles.shape[-1])
     looks = float(tiles.shape[1] * tiles.shape[2])
-    return Periodogram(power, noise, looks, (tiles.shape[-2], tiles.shape[-1]), lowest)
+    return Periodogram(power, noise, looks, (tiles.shape[-2], tiles.shape[-1]), lowest, shares)
 
 
 def flattened(images: Tensor, background: float, sigma: float | None, owner: str) -> tuple[Tensor, Tensor, float]:

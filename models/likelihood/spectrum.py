@@ -7,7 +7,8 @@ pixels the mean
 
     S(f) = sum_l tri(l) e^(-2 pi i f l) sum_d R(d) C(d) P(l - d s) + noise,    tri(l) = (1 - |l_y| / M)(1 - |l_x| / N)
 
-("debiased Whittle": Sykulski et al., Biometrika 106, 251 (2019), section 3). P is the transform of the window's overlap
+("debiased Whittle": Sykulski et al., Biometrika 106, 251 (2019), section 3; under a taper tri is its autocorrelation,
+and F its |transform|^2: :mod:`~specklegen.models.retrieval.edges`). P is the transform of the window's overlap
 T (Goodman, *Introduction to Fourier Optics*, 2005, section 6.3), which is a sum of few products of its two coordinates,
 
     T(u, v) = sum_r c_r q_r(u) q_r(v),    S = sum_r c_r E_r [R C] E_r^T,
@@ -26,6 +27,7 @@ import torch
 from torch import Tensor
 
 from specklegen.core.quadrature import gauss_legendre
+from specklegen.models.retrieval.edges import shares_of, taper_kernel
 from specklegen.scene.window import Profile, Window
 
 _SMALLEST = 1e-6  # of T: beyond, it is left out
@@ -77,13 +79,6 @@ def factors(profile: Profile, cycles: int, pixel: float = 0.0) -> tuple[Factor, 
     return tuple(Factor(float(share / total), both, value) for share, value in zip(shares, values, strict=True))
 
 
-def _fejer(frequency: np.ndarray, side: int) -> np.ndarray:
-    """Sum of (1 - |l| / M) e^(-2 pi i f l) over l, at frequencies in cycles a pixel."""
-    whole = np.sin(np.pi * frequency)
-    near = np.abs(whole) < 1e-9
-    return np.where(near, side, np.square(np.sin(np.pi * side * frequency) / np.where(near, 1, whole)) / side)
-
-
 class Transforms(NamedTuple):
     """Fourier transforms along both axes as real numbers: from lags of an object to frequencies, and back.
 
@@ -112,7 +107,7 @@ class Transforms(NamedTuple):
 
 def transforms(
     rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int], objects: tuple[int, int], step: Tensor,
-    grain: Tensor, profile: Profile = "square", pixel: bool = False,
+    grain: Tensor, profile: Profile = "square", pixel: bool = False, taper: Tensor | float = 0.0,
 ) -> Transforms:  # fmt: skip
     """Transforms of both axes, computed in double precision and kept in that of ``step``.
 
@@ -130,14 +125,16 @@ def transforms(
         Shape of the window.
     pixel
         Whether pixels collect light over their area.
+    taper
+        Share of a tile's sides on the ramps of its taper, one number or float[B].
     """
     steps, grains = (x.detach().cpu().numpy().astype(np.float64) for x in (step, grain))
     reach = max(steps.max() * (n - 1) + side for n, side in zip(objects, shape, strict=True))
     kernels: list[list[np.ndarray]] = [[], []]
-    for n, size in enumerate(grains):
+    for n, (size, share) in enumerate(zip(grains, shares_of(taper, len(grains)), strict=True)):
         terms = factors(profile, 16 * int(np.ceil(reach / size / 16)), 1 / size if pixel else 0.0)
         for axis, frequencies in enumerate((rows, columns)):
-            kernel = _kernels(terms, frequencies.tobytes(), shape[axis], float(size), weighted=axis == 0)
+            kernel = _kernels(terms, frequencies.tobytes(), shape[axis], float(size), share, axis == 0)
             lags = np.arange(1 - objects[axis], objects[axis])
             angle = (-2 * np.pi * steps[n] / size) * terms[0].nodes[:, None] * lags
             both = kernel @ np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
@@ -152,9 +149,11 @@ def waves(frequencies: np.ndarray, lags: np.ndarray, step: Tensor) -> Tensor:
 
 
 @lru_cache(maxsize=8)
-def _kernels(found: tuple[Factor, ...], frequencies: bytes, side: int, grain: float, weighted: bool) -> np.ndarray:
-    """Fejer's kernel times the values of every factor, one below the other, float64[r F, K]."""
-    kernel = _fejer(np.frombuffer(frequencies)[:, None] - found[0].nodes / grain, side)
+def _kernels(
+    found: tuple[Factor, ...], frequencies: bytes, side: int, grain: float, taper: float, weighted: bool
+) -> np.ndarray:
+    """Kernel of the taper times the values of every factor, one below the other, float64[r F, K]."""
+    kernel = taper_kernel(np.frombuffer(frequencies)[:, None] - found[0].nodes / grain, side, taper)
     return np.concatenate([kernel * factor.values * (factor.weight if weighted else 1.0) for factor in found])
 
 

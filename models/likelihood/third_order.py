@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from scipy.signal.windows import tukey
 from torch import Tensor
 
 from specklegen.core.arguments import choice, flag, host_tensor, instance, real_array
@@ -28,6 +27,7 @@ from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
 from specklegen.core.shielded import shielded
 from specklegen.models.likelihood.likelihood import BAND, Optics, each_of
+from specklegen.models.retrieval.edges import edge_taper
 from specklegen.scene.window import PROFILES, Window
 
 SLOPE = 1.0
@@ -152,7 +152,7 @@ def _moments(
     if int(inside.sum()) < _FEWEST or not float(light.square().mean()) > _FLAT:
         reject("turn_of images", "of some contrast, on a camera of several grains", tuple(frames.shape))
     alone = seen.abs().square() * passed
-    edge = [torch.from_numpy(np.sqrt(tukey(n + 2, _TAPERED)[1:-1])) for n in sides]
+    edge = [torch.from_numpy(np.sqrt(edge_taper(n, _TAPERED))) for n in sides]
     pairs, excesses = [], []
     for taper in (edge[0][:, None] * edge[1], torch.ones(1, 1, dtype=torch.float64)):
         own = light * taper

@@ -250,7 +250,7 @@ def judge_photograph(
     images = images / images.mean((1, 2), keepdims=True)
     if images.std() < _EVEN:
         return _even(seen)
-    frames, pairs, vibration = _frames(images)
+    frames, pairs, vibration = independent_frames(images)
     band = fit_band(frames, len(frames))
     noise = band.noise if pairs is None else pairs
     variance = max(float(frames.var((1, 2)).mean()) - noise, 0.0)
@@ -320,7 +320,7 @@ def _middle(images: np.ndarray) -> np.ndarray:
     return images[:, top : top + rows, left : left + columns]
 
 
-def _frames(images: np.ndarray) -> tuple[np.ndarray, float | None, float | None]:
+def independent_frames(images: np.ndarray) -> tuple[np.ndarray, float | None, float | None]:
     """Independent frames; noise of a frame and movement, pixels, where they are of one pattern and are averaged."""
     if len(images) == 1:
         return images, None, None

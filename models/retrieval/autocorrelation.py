@@ -21,6 +21,7 @@ from torch import Tensor
 
 from specklegen.core.errors import reject
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation
+from specklegen.models.retrieval.edges import pair_counts, shares_of, tapered
 
 MemoryEffect = Callable[[np.ndarray], np.ndarray]
 """C_I of a slab at distances in object pixels, any shape."""
@@ -56,19 +57,26 @@ def _blur(n: int, sigma: float) -> Tensor:
     return weights / weights.sum(1, keepdim=True)
 
 
-def lag_means(fluctuations: Tensor, reach: tuple[int, int]) -> Tensor:
-    """Mean product of all pairs of pixels at every lag up to ``reach``, real[..., 2r + 1, 2c + 1].
+def lag_means(fluctuations: Tensor, reach: tuple[int, int], taper: Tensor | float = 0.0) -> Tensor:
+    """Mean product of all pairs of pixels at every lag up to ``reach``, real[B, ..., 2r + 1, 2c + 1].
 
     Zero-padded, so that nothing wraps (Wiener-Khinchin); lags in the order of an FFT, the zero lag first. A reach of
-    one less than the sides (r, c) gives every lag that there is.
+    one less than the sides (r, c) gives every lag that there is. Under a taper, of one share or one for each of B
+    (:mod:`~specklegen.models.retrieval.edges`), lags with less than a tenth of the pairs along an axis fade out.
     """
+    fluctuations = tapered(fluctuations, taper)
     shape = fluctuations.shape[-2:]
     padded = [int(next_fast_len(n + lag, real=True) or 0) for n, lag in zip(shape, reach, strict=True)]
     sums = torch.fft.irfft2(torch.fft.rfft2(fluctuations, s=padded).abs().square(), s=padded)
     device = fluctuations.device
     rows, columns = (torch.cat([torch.arange(r + 1), torch.arange(-r, 0)]).to(device) for r in reach)
-    pairs = (shape[0] - rows.abs())[:, None] * (shape[1] - columns.abs())
-    return sums[..., rows[:, None], columns] / pairs
+    counts = [
+        pair_counts(rows, shape[0], share)[:, None] * pair_counts(columns, shape[1], share)
+        for share in (shares_of(taper, len(fluctuations)) if isinstance(taper, Tensor) else [taper])
+    ]
+    pairs = torch.stack(counts) if len(counts) > 1 else counts[0]
+    pairs = pairs.reshape(-1, *[1] * (sums.ndim - 3), *pairs.shape[-2:]) if pairs.ndim > 2 else pairs
+    return (sums[..., rows[:, None], columns] / pairs).to(sums)
 
 
 def autocorrelation(

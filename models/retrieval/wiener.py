@@ -21,6 +21,7 @@ from torch import Tensor
 
 from specklegen.core.errors import reject
 from specklegen.models.retrieval.autocorrelation import FLOOR, distances
+from specklegen.models.retrieval.edges import independent, shares_of, tapered
 
 Division = Literal["none", "floor", "dense", "empirical"]
 DIVISIONS: tuple[Division, ...] = get_args(Division)
@@ -33,15 +34,18 @@ _SMOOTH = 0.5
 """Grains that the empirical guess is smoothed over: a point's peak is as wide as a grain."""
 
 
-def lag_variance(images: Tensor) -> Tensor:
-    """Variance of the autocorrelation of images real[..., H, W] over their squared mean, at every lag; float[...].
+def lag_variance(images: Tensor, taper: Tensor | float = 0.0) -> Tensor:
+    """Variance of the autocorrelation of images real[B, ..., H, W] over their squared mean, at every lag; float[...].
 
-    Bartlett's sum of squared lags is the mean square of the spectrum, which is half of that of the periodogram.
+    Bartlett's sum of squared lags is the mean square of the spectrum, which is half of that of the periodogram. Under a
+    taper, of one share or one for each of B, it is of fewer independent frequencies.
     """
     flat = images / images.mean((-2, -1), keepdim=True) - 1
-    pixels = flat.shape[-2] * flat.shape[-1]
-    power = torch.fft.fft2(flat).abs().square() / pixels
-    return power.square().mean((-2, -1)) / 2 / pixels
+    shape = (flat.shape[-2], flat.shape[-1])
+    power = torch.fft.fft2(tapered(flat, taper)).abs().square() / (shape[0] * shape[1])
+    counted = torch.tensor([independent(shape, share)[0] for share in shares_of(taper, len(flat))]).to(power)
+    variance = power.square().mean((-2, -1)) / 2 / (shape[0] * shape[1])
+    return variance / counted.reshape(-1, *[1] * (variance.ndim - 1))
 
 
 def weights(

@@ -33,6 +33,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "recoverable photo.tif --dark 20 --camera camera.toml",
     ),
     "reconstruct": ("reconstruct frame.tif --setup setup.toml --out seen",),
+    "retrieve": ("retrieve frame.tif --out seen.png", "retrieve frame.tif --grain 3 --extent 60 --region find"),
     "fit-camera": ("fit-camera --pairs bright_1.tif bright_2.tif --dark dark_1.tif dark_2.tif --out camera.toml",),
     "fit-material": ("fit-material --wavelength 0.5 --tilt tilts.csv --transmittance .79+-.02 --out my-bench.toml",),
     "fit-setup": ("fit-setup run1 --dark 20", "fit-setup frame.tif --profile disc --picture spectrum.png"),

@@ -29,7 +29,7 @@ def batch(recipe):
 
 def by_hand(recipe, batch, samples, seed, memory_power=1.0):
     """Mean likelihood of every class's examples, each asked of :class:`SpeckleLikelihood` by itself."""
-    seen, optics, _ = measured(batch, recipe)
+    seen, optics, _ = measured(batch, recipe, taper=0.0)
     materials = [recipe.material.realized(np.random.default_rng([seed, 46, n]), "train") for n in range(MATERIALS)]
     shape = recipe.objects.shape
     memory = [memory_effect_between(m.correlation, recipe.wavelength, recipe.field.pitch, shape) for m in materials]

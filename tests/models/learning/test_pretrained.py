@@ -11,19 +11,19 @@ from specklegen.models.judging.evaluation import evaluate
 from specklegen.models.learning.reconstructor import PRETRAINED, load_pretrained
 
 
-def test_what_was_trained_on_many_benches_sees_more_on_one_that_is_not_as_said():
-    """Paired over 64 media, characters that neither has seen; a bench as it is said to be is no such."""
+def test_uneven_light_of_a_bench_does_not_harm_a_network():
+    """Paired over 64 media, characters that neither network has seen; without a taper .61 and .73 of .82 and .82."""
     of = {"objects": {"disjoint": "character", "test": "569FMVTWt", "validation": "2KPbqB"}}
 
-    def z(bench):
+    def scores(bench):
         batch = tensors(load_recipe("unknown-slab", of | {"bench": bench}).batch(11, "test", range(64)))
         methods = {name: load_pretrained(name=name).reconstruct for name in PRETRAINED}
         found, _ = evaluate(methods, [batch])
-        usual, other = (found.values[name]["sharp"]["pearson"] for name in PRETRAINED)
-        return (other - usual).mean() / ((other - usual).std(ddof=1) / 8)
+        return np.array([found.values[name]["sharp"]["pearson"] for name in PRETRAINED])
 
-    assert z({"gradient": 0.8, "stray": 0.2}) > limit(degrees=63)
-    assert z({}) < limit(degrees=63)
+    uneven, even = scores({"gradient": 0.8, "stray": 0.2}), scores({})
+    assert (uneven.mean(1) > even.mean(1) - 0.07).all()
+    assert (even.mean(1) > 0.8).all()
 
 
 def test_it_sees_more_than_the_mean_image():

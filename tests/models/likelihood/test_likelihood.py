@@ -12,6 +12,7 @@ from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood, expected_deviance, memory_effect_between
 from specklegen.models.likelihood.periodogram import Periodogram, periodogram
+from specklegen.models.retrieval.edges import edge_taper, taper_of
 from specklegen.scene.window import PROFILES, Window
 
 FAMILIES = ({"type": "Glyphs"}, {"type": "Points"}, {"type": "Points", "count": 12}, {"type": "Strokes"},
@@ -33,12 +34,12 @@ def objects(shape, seed=0, count=1):
     return torch.from_numpy(np.random.default_rng(seed).random((count, *shape)))
 
 
-def literal(brightness, c_i, shape, step, grain, profile, pixel=False):
+def literal(brightness, c_i, shape, step, grain, profile, pixel=False, share=0.0):
     """S(f) by the sums of the definition; a pixel's area by a mean over 9 x 9 points of Gauss-Legendre."""
     o = brightness / brightness.sum()
     h, w = o.shape
     lag_y, lag_x = np.arange(1 - shape[0], shape[0]), np.arange(1 - shape[1], shape[1])
-    tri = np.outer(1 - np.abs(lag_y) / shape[0], 1 - np.abs(lag_x) / shape[1])
+    tri = np.outer(*(np.correlate(h, h, "full") / len(h) for h in (edge_taper(n, share) for n in shape)))
     nodes, weights = np.polynomial.legendre.leggauss(9)
     # The autocorrelation of a pixel is a triangle: two halves, so that each is smooth.
     places = np.concatenate([(nodes - 1) / 2, (nodes + 1) / 2]) if pixel else np.zeros(1)
@@ -61,16 +62,18 @@ def literal(brightness, c_i, shape, step, grain, profile, pixel=False):
     return (down @ (tri * covariance) @ across.T).real
 
 
-@pytest.mark.parametrize(("profile", "pixel"), [(p, False) for p in PROFILES] + [("square", True)])
-def test_the_expected_spectrum_is_the_sum_over_lags(profile, pixel):
+@pytest.mark.parametrize(
+    ("profile", "pixel", "share"), [(p, False, 0.0) for p in PROFILES] + [("square", True, 0.0), ("square", False, 0.5)]
+)
+def test_the_expected_spectrum_is_the_sum_over_lags(profile, pixel, share):
     """Up to the products that are left out, 1e-4 of the largest, and the Gaussian window beyond 1e-6."""
     shape, side, step, grain = (16, 20), (3, 4), 1.7, 2.6
     brightness = objects(side)
     distance = np.hypot(np.arange(-2, 3)[:, None], np.arange(-3, 4))
     c_i = np.exp(-0.3 * distance)
-    likelihood = SpeckleLikelihood(flat(shape), side, Optics(step, grain, profile, pixel))
+    likelihood = SpeckleLikelihood(flat(shape)._replace(taper=share), side, Optics(step, grain, profile, pixel))
     found = likelihood.object_spectrum(brightness, torch.from_numpy(c_i))[0].numpy()
-    exact = literal(brightness[0].numpy(), c_i, shape, step, grain, profile, pixel)
+    exact = literal(brightness[0].numpy(), c_i, shape, step, grain, profile, pixel, share)
     reach = len(found) // 2
     exact = exact[np.arange(-reach, reach + 1) % shape[0]][:, : found.shape[1]]
     if pixel:
@@ -156,6 +159,24 @@ def test_the_true_object_has_eulers_constant():
     assert abs(np.median(deviance) - np.euler_gamma) < 0.02
     found, error = excess(likelihood, deviance)
     assert_z(found, 0.0, error, slack=0.002)
+
+
+def test_the_true_object_has_eulers_constant_under_uneven_light():
+    """Light that falls off by 30 % (rms), under the taper that it asks for; without one it is seen."""
+    images, brightness, c_i, optics = scenes()
+    u = torch.linspace(-1, 1, images.shape[-1], dtype=torch.float64)
+    uneven = images * (1 + 0.4 * u + 0.3 * u[:, None])
+    level = torch.zeros(len(images), dtype=torch.float64)
+    level[::2] = 1 / PHOTONS
+    found = []
+    for share in (taper_of(uneven), 0.0):
+        seen = periodogram(uneven, taper=share)._replace(noise=level)
+        likelihood = SpeckleLikelihood(seen, (28, 28), optics)
+        deviance, count = likelihood(brightness, c_i).numpy(), likelihood.frequencies.numpy()
+        error = (likelihood.spread.numpy() / count).mean() / np.sqrt(len(count))
+        found.append(((deviance - np.euler_gamma + 0.5 / count).mean(), 0.0, error))
+    assert_z(*found[0], slack=0.005)  # of a law that takes the light for even
+    refute_z(*found[1], slack=0.005)
 
 
 @pytest.mark.parametrize("wrong", ["noise", "memory effect", "object", "step"])
