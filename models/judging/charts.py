@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.models.judging.evaluation import Case
-from specklegen.models.metrics import Interval
 from specklegen.pictures import _figure, _save, _show
 
 
@@ -68,19 +67,3 @@ def _frame(axes, colour: str) -> None:
     for edge in axes.spines.values():
         edge.set(color=colour, linewidth=2)
     axes.title.set_color(colour)
-
-
-def score_curves(curves: Mapping[str, Mapping[float, Interval]], label: str, out: Path) -> Path:
-    """Draw a score with its intervals over a number, a line a method."""
-    figure, axes = _figure(1, 1, 5.5, 3.8)
-    axis = axes[0, 0]
-    for method, points in curves.items():
-        places = sorted(points)
-        middle = np.array([points[x].mean for x in places])
-        ends = np.array([[points[x].mean - points[x].low, points[x].high - points[x].mean] for x in places]).T
-        axis.errorbar(places, middle, ends, fmt="o-", ms=4, capsize=2, label=method)
-    axis.set_xlabel(label)
-    axis.set_ylabel("Pearson correlation to the sharp object")
-    axis.grid(alpha=0.3)
-    axis.legend(frameon=False)
-    return _save(figure, out)

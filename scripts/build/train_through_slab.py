@@ -13,18 +13,20 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from specklegen.cli.output import Progress
 from specklegen.datasets import SpeckleCache, load_recipe
 from specklegen.datasets.store.generate import generate
 from specklegen.models.judging import baselines
-from specklegen.models.judging.charts import contact_sheet, score_curves, training_curves
+from specklegen.models.judging.charts import _figure, _save, contact_sheet, training_curves
 from specklegen.models.judging.evaluation import best_median_worst, evaluate
 from specklegen.models.learning.examples import Examples, batches_of, examples
 from specklegen.models.learning.networks import parameter_count
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.training import Training, train
+from specklegen.models.metrics import Interval
 from specklegen.models.retrieval.phase_retrieval import Retrieval
 
 CLASSES = {"objects": {"disjoint": "character"}}
@@ -48,6 +50,22 @@ RANGES = (0.5, 1.0, 2.0, 3.0)
 WIDE = 42.0
 """Camera pixels across the objects of these."""
 PARTS = ("networks", "unseen", "families", "ranges", "leakage")
+
+
+def score_curves(curves: Mapping[str, Mapping[float, Interval]], label: str, out: Path) -> Path:
+    """Draw a score with its intervals over a number, a line a method."""
+    figure, axes = _figure(1, 1, 5.5, 3.8)
+    axis = axes[0, 0]
+    for method, points in curves.items():
+        places = sorted(points)
+        middle = np.array([points[x].mean for x in places])
+        ends = np.array([[points[x].mean - points[x].low, points[x].high - points[x].mean] for x in places]).T
+        axis.errorbar(places, middle, ends, fmt="o-", ms=4, capsize=2, label=method)
+    axis.set_xlabel(label)
+    axis.set_ylabel("Pearson correlation to the sharp object")
+    axis.grid(alpha=0.3)
+    axis.legend(frameon=False)
+    return _save(figure, out)
 
 
 def without_half_turns(recipe, seed: int, split: str, samples: int) -> list[int]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from references.wall import wall_coefficients
 from scipy.stats import norm
 from wavetracing.screens import HEXAGRAM, screen, slit
 from wavetracing.solids import box, soup, sphere
@@ -20,7 +21,6 @@ from specklegen.wavetracing import (
     Smooth,
     trace,
 )
-from specklegen.wavetracing.materials import wall_coefficients
 
 AHEAD = np.array([0, 0, 1.0])
 NOTHING = Mesh(np.empty((0, 3)), np.empty((0, 3), int))
