@@ -51,7 +51,6 @@ def excesses(recipe, frames):
     return each, np.array([(one.deviance - one.expected) / spread for one in each])
 
 
-@pytest.mark.slow
 def test_images_that_no_object_explains():
     """Divided by a mean over two pixels: no object that shines is darkest at the lowest frequencies. Four objects, each
     in four frames, are compared with themselves undivided. The search for the most probable image ends elsewhere for
