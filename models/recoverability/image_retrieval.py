@@ -7,6 +7,8 @@ The light's envelope is fitted and divided out, and a taper keeps out what is le
 8, 784 (2014).
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -60,6 +62,15 @@ class ImageRetrieval(Pictured):
         Share of the sides on the ramps of the taper; 0 of even light.
     measured : Measurement
         Frames, envelope, illuminated region, and what had to be assumed.
+
+    Examples
+    --------
+    >>> from specklegen.datasets import load_recipe
+    >>> from specklegen.models import Retrieval, retrieve_image
+    >>> image = load_recipe("ground-glass").batch(0, "test", range(1))["image"][0]
+    >>> found = retrieve_image(image, grain=3.0, retrieval=Retrieval(restarts=2))
+    >>> found.image.shape, found.grain
+    ((64, 64), 3.0)
     """
 
     image: np.ndarray

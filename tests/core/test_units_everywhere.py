@@ -22,15 +22,15 @@ COUNTS = {"bit_depth", "learning_rate", "batch_size", "n_points", "optical_depth
           "optical_depth_of_layer", "numerical_aperture", "training_width"}  # fmt: skip
 """Numbers of another kind: counts, ratios, bits."""
 COMPUTED = {
-    "CameraFit", "CoherentTransmission", "EquivalentSlab", "ExposureContrast", "Incidence", "Joint", "JointCorrelation",
-    "Lobes", "MeanField", "MemoryEffect", "MemoryRange", "MultiExposureFit", "MuellerMatrix", "PhotographVerdict",
-    "RayPath", "ReflectanceTransmittance", "Replacement", "ScatteredField", "SetupFit", "SingleDelay",
-    "TemporalCorrelation", "Verdict",
+    "CameraFit", "CoherentTransmission", "EquivalentSlab", "ExposureContrast", "ImageRetrieval", "Incidence", "Joint",
+    "JointCorrelation", "Lobes", "MeanField", "MemoryEffect", "MemoryRange", "MultiExposureFit", "MuellerMatrix",
+    "PhotographVerdict", "RayPath", "ReflectanceTransmittance", "Replacement", "ScatteredField", "SetupFit",
+    "SingleDelay", "TemporalCorrelation", "Verdict",
 }  # fmt: skip
 """Results: nobody gives their fields."""
 REASONS = {
     "camera pixels": {"Optics.step", "Retrieval.extent", "fit_setup.target_step", "measured_memory_effect.distance",
-                      "multiframe_deconvolution.sigma", "periodogram.sigma",
+                      "multiframe_deconvolution.sigma", "periodogram.sigma", "retrieve_image.extent",
                       "SpeckleLikelihood.of_lags.lags"},
     "shares of the pupil's radius": {"Pupil.waist"},
     "multiples of the duration": {"Pulse.delay"},

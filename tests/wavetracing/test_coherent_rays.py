@@ -5,13 +5,13 @@ import warnings
 import numpy as np
 import pytest
 from references.strip_solver import strip_solver
+from references.wall import wall_coefficients
 from references.wedge_series import wedge_series
 from scipy.spatial.transform import Rotation
 from wavetracing.solids import box
 
 from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.wavetracing import Geometry, Mesh, PointEmitter, Smooth, coherent_paths, coherent_rays, wedge_field
-from specklegen.wavetracing.materials import wall_coefficients
 
 AIR = Geometry(Mesh(np.empty((0, 3)), np.empty((0, 3), int)))
 K = 2 * np.pi
