@@ -6,12 +6,12 @@ from refusals import assert_refused
 
 from specklegen.models.learning.losses import LOSSES, loss_named
 
-GENERATOR = torch.Generator().manual_seed(3)
-
 
 def logits_and_target(count=3, side=14):
-    logits = torch.randn(count, side, side, generator=GENERATOR, dtype=torch.float64)
-    return logits, torch.rand(count, side, side, generator=GENERATOR, dtype=torch.float64)
+    """The same numbers in every test, whichever process runs it after whichever other."""
+    rng = torch.Generator().manual_seed(3)
+    logits = torch.randn(count, side, side, generator=rng, dtype=torch.float64)
+    return logits, torch.rand(count, side, side, generator=rng, dtype=torch.float64)
 
 
 @pytest.mark.parametrize("name", LOSSES)
