@@ -134,44 +134,52 @@ def taper_of(images: Tensor) -> Tensor:
     light = images.reshape(len(images), -1, *images.shape[-2:])
     light = light if light.dtype == torch.float64 else light.float()
     light = light / light.mean((-2, -1), keepdim=True).clamp_min(torch.finfo(light.dtype).tiny) - 1
-    chosen = torch.full((len(images),), WIDTHS[-1], dtype=torch.float64)
     if min(light.shape[-2:]) < _LEAST:
-        return torch.zeros_like(chosen)
-    widest, beside = _on_axes(light, WIDTHS[-1])
-    counted = beside > _FAINT * beside.amax(1, keepdim=True)
-    counted, beside = counted.double(), beside.clamp_min(torch.finfo(torch.float64).tiny)
-    least = (counted * widest / beside).sum(1).clamp_min(torch.finfo(torch.float64).tiny)
-    for share in WIDTHS[-2::-1]:
-        leaked = (counted * _on_axes(light, share)[0] / beside).sum(1)
-        chosen[(leaked <= LEAKS * least).cpu()] = share
-    chosen[(_slow_share(light) > SLOW).cpu()] = WIDTHS[-1]
-    return chosen
+        return torch.zeros(len(images), dtype=torch.float64)
+    along, beside = _on_axes(light)
+    counted = (beside > _FAINT * beside.amax(1, keepdim=True)).double()
+    leaked = (along * (counted / beside.clamp_min(torch.finfo(torch.float64).tiny))[:, None]).sum(-1)
+    too_narrow = leaked > LEAKS * leaked[:, -1:].clamp_min(torch.finfo(torch.float64).tiny)
+    number = too_narrow.long().cumprod(1).sum(1)
+    number[_slow_share(light) > SLOW] = len(WIDTHS) - 1
+    return torch.tensor(WIDTHS, dtype=torch.float64)[number.cpu()]
+
+
+@lru_cache(maxsize=64)
+def _slow_waves(pixels: int, dtype: torch.dtype) -> Tensor:
+    """The three slowest waves of one axis, each of the mean square 1, real[3, pixels]."""
+    turns = 2 * torch.pi * torch.arange(pixels, dtype=torch.float64) / pixels
+    return torch.stack([torch.ones_like(turns), 2**0.5 * turns.cos(), 2**0.5 * turns.sin()]).to(dtype)
 
 
 def _slow_share(light: Tensor) -> Tensor:
     """Share of the variance of images real[B, F, H, W] that lies in the lowest eight frequencies, float64[B]."""
-    parts = []
-    for n in light.shape[-2:]:
-        turns = 2 * torch.pi * torch.arange(n).to(light) / n
-        parts.append(torch.stack([torch.ones_like(turns), 2**0.5 * turns.cos(), 2**0.5 * turns.sin()]))
-    power = (parts[0] @ light @ parts[1].T).square().sum((-2, -1))
+    down, across = (_slow_waves(n, light.dtype).to(light.device) for n in light.shape[-2:])
+    power = (down @ light @ across.T).square().sum((-2, -1))
     pixels = light.shape[-2] * light.shape[-1]
     whole = light.square().sum((-2, -1)).double().clamp_min(torch.finfo(torch.float64).tiny)
     return (power.double() / pixels / whole).mean(1)
 
 
-def _on_axes(light: Tensor, share: float) -> tuple[Tensor, Tensor]:
-    """Power on both axes of frequencies, and its mean on lines beside them, float64[B, F] each."""
+@lru_cache(maxsize=64)
+def _lines(pixels: int, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+    """Cosines and minus sines of slow waves under all tapers, real[W * 2 * L, pixels]; tapers real[W, 1, 1, pixels]."""
+    tapers = torch.from_numpy(np.stack([edge_taper(pixels, share) for share in WIDTHS]))[:, None, None]
+    numbers, places = (torch.arange(n, dtype=torch.float64) for n in (_LINES + 1, pixels))
+    turns = 2 * torch.pi * torch.outer(numbers, places) / pixels
+    waves = torch.stack([turns.cos(), -turns.sin()]) * tapers
+    return waves.flatten(0, 2).to(dtype), tapers.to(dtype)
+
+
+def _on_axes(light: Tensor) -> tuple[Tensor, Tensor]:
+    """Power on both axes of frequencies under every taper, float64[B, W, F]; its mean beside them under the widest."""
     along, beside = [], []
     for image in (light, light.mT):
         rows, columns = image.shape[-2:]
-        down, across = (torch.from_numpy(edge_taper(n, share).copy()).to(image) for n in (rows, columns))
-        turns = 2 * torch.pi * torch.arange(_LINES + 1).to(image)[:, None] * torch.arange(rows).to(image) / rows
-        waves = torch.cat([turns.cos(), turns.sin()]) * down
-        real, imaginary = (waves @ (image * across)).chunk(2, -2)
-        power = torch.fft.fft(torch.complex(real, -imaginary)).abs().square().mean(1).double()
+        waves, tapers = _lines(rows, image.dtype)[0].to(image.device), _lines(columns, image.dtype)[1].to(image.device)
+        parts = (waves @ image).unflatten(-2, (len(WIDTHS), 2, _LINES + 1)) * tapers
+        power = torch.fft.fft(torch.complex(*parts.unbind(-3))).abs().square().mean(1).double()
         places = torch.arange(_FIRST, columns // 2)
-        both = (power[:, 2:, places] + power[:, 2:, -places]).mean(1) / 2
-        along.append(power[:, 0, places])
-        beside.append(both)
-    return torch.cat(along, 1), torch.cat(beside, 1)
+        along.append(power[:, :, 0, places])
+        beside.append((power[:, -1, 2:, places] + power[:, -1, 2:, -places]).mean(1) / 2)
+    return torch.cat(along, -1), torch.cat(beside, -1)
