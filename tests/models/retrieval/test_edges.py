@@ -43,6 +43,18 @@ def test_variance_of_lags_under_a_taper_is_their_spread():
     refute_z(float(near.var(1).mean()) / stated * edges.independent((24, 24), 0.5)[0], 1.0, error, slack=0.04)
 
 
+def test_deviance_under_a_taper_varies_as_is_stated():
+    """Of 4000 circular Gaussian fields: the variance of the sum of I - log I over all frequencies."""
+    rng, taper = np.random.default_rng(2), edges.edge_taper(24, 1.0)
+    fields = rng.standard_normal((4000, 24, 24, 2)) @ (np.array([1, 1j]) / 2**0.5)
+    power = np.abs(np.fft.fft2(fields * np.outer(taper, taper))) ** 2 / 24**2
+    found = (power - np.log(power)).sum((1, 2)).var() / 24**2 / (np.pi**2 / 6 - 1)
+    stated, error = edges.independent((24, 24), 1.0)[1], found * np.sqrt(2 / 4000)
+    assert_z(found, stated, error)
+    refute_z(found, 1.0, error)
+    refute_z(found, 1 + 1.5 * (stated - 1), error)
+
+
 def speckle(light, count=40, side=96, grain=3, seed=3):
     """Images real[B, H, W] of a blot of 8 pixels, in circular Gaussian speckle, under some light."""
     rng = np.random.default_rng(seed)
