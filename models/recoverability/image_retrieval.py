@@ -37,7 +37,6 @@ from specklegen.models.retrieval.wiener import choice, lag_variance, weights
 _ACROSS = 28
 """Object pixels across the extent that was found: the window of lags holds 32."""
 _FINEST = 1 / 3  # of a grain: smaller object pixels would show nothing more
-_EVEN = 1e-6  # contrast of an image that shows nothing
 
 
 @dataclass(frozen=True, repr=False)
@@ -146,12 +145,11 @@ def retrieve_image(
     )
     if not isinstance(source, Measurement):
         source = read_measurement(source, dark=dark, envelope=envelope, region=region)
+    source.require_speckle("retrieve_image source")
     images = source.images
     if min(images.shape[1:]) < LEAST:
         reject("retrieve_image source", f"frames of at least {LEAST} x {LEAST} pixels", images.shape[1:])
     images = images / images.mean((1, 2), keepdims=True)
-    if images.std() < _EVEN:
-        reject("retrieve_image source", "frames of some contrast", float(images.std()))
     frames, pairs, _ = independent_frames(images)
     band = fit_band(frames, len(frames))
     if grain is None:

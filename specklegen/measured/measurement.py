@@ -86,8 +86,10 @@ class Measurement(Pictured):
 
     def require_speckle(self, field: str) -> None:
         """Refuse frames whose pixels are all alike: constant, saturated, or of one bright pixel that is not good."""
-        if self.images.std() < _EVEN * self.images.mean():
-            reject(field, "of speckle", "frames that are even",
+        images = self.images
+        even = int((images.std((1, 2)) < _EVEN * np.abs(images.mean((1, 2)))).sum())
+        if even:
+            reject(field, "of speckle", f"{even} of {counted(len(images), 'frame')} without contrast",
                    "All pixels are alike: is the light on, and the camera not saturated?")  # fmt: skip
 
     def explain(self) -> str:

@@ -108,7 +108,7 @@ class Plan(Pictured):
     @property
     def correlation_error(self) -> float:
         """Standard error of correlations between tilts, which all seeds share ("stationary"); 0 of other samplers."""
-        return getattr(self.chosen, "correlation_error", 0.0)
+        return self.chosen.correlation_error
 
     @property
     def image_error(self) -> float:

@@ -256,6 +256,8 @@ class Sampler(ABC):
         Relative error that so many paths leave, ...
     error_of : str
         ... and of what.
+    correlation_error : float
+        Standard error of correlations between tilts, where all seeds share it.
     summation : str
         How its fields come about, in a word or two.
     gaussianity : Gaussianity
@@ -269,6 +271,7 @@ class Sampler(ABC):
     scene: Scene
     paths = 0
     expected_error = 0.0
+    correlation_error = 0.0
     error_of = "intensity scale"
     summation = "of its own"
     gaussianity = EXACT

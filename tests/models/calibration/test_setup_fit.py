@@ -141,7 +141,9 @@ def test_what_is_refused(changes, rule):
 
 
 EVEN = {"constant": np.full((96, 96), 500.0), "saturated": np.full((96, 96), 4095.0), "one bright pixel": np.pad(
-    [[4000.0]], ((48, 47), (48, 47)), constant_values=100)}  # fmt: skip
+    [[4000.0]], ((48, 47), (48, 47)), constant_values=100),
+    "constant at two levels": np.stack([np.full((96, 96), level) for level in (200.0, 300.0)]),
+    "one of two frames": np.stack([speckle(0, 1, 96, 4.0)[0], np.ones((96, 96))])}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", EVEN)
@@ -150,9 +152,10 @@ def test_frames_without_speckle_are_refused_in_a_sentence(name):
     seen = read_measurement(EVEN[name], envelope="fit")
     for verb in (
         lambda: sg.fit_setup(EVEN[name]), lambda: sg.twin(EVEN[name], images=8), lambda: sg.twin(seen, "tilt-stack"),
-        lambda: fit_grain(torch.tensor(EVEN[name])[None], 8), lambda: seen.require_speckle("reconstruct IMAGE"),
+        lambda: fit_grain(torch.tensor(EVEN[name]).reshape(-1, 96, 96), 8),
+        lambda: seen.require_speckle("reconstruct IMAGE"),
     ):  # fmt: skip
-        assert_refused(verb, "must be of speckle.*even")
+        assert_refused(verb, "must be of speckle.*(even|contrast)")
 
 
 @pytest.mark.slow
