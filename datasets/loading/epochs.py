@@ -81,10 +81,8 @@ class EpochBatches(IterableDataset):
     def set_epoch(self, epoch: int) -> None:
         """Choose the epoch of the next iteration, here and in workers that are already running.
 
-        Raises
-        ------
-        RuleError
-            If it is not a whole number of at least 0, or an index of its samples would not fit into 64 bits.
+        Raise a `RuleError` if it is not a whole number of at least 0, or an index of its samples would not fit into 64
+        bits.
         """
         self._epoch.fill_(self.checked_epoch(epoch))
         self.choices += 1

@@ -47,10 +47,7 @@ _CITATION = (
 def write_parquet(cache: SpeckleCache, chosen: Sequence[int], out: Path) -> tuple[list[Path], list[dict]]:
     """Write the chosen samples of a store; return the files and, for each sample, nothing more to tabulate.
 
-    Raises
-    ------
-    RuleError
-        If pyarrow is not installed.
+    Raise a `RuleError` if pyarrow is not installed.
     """
     try:
         import pyarrow as pa

@@ -11,10 +11,7 @@ from specklegen.core.errors import reject
 def batch_count(length: int, batch_size: int, world: int, drop_last: bool = False) -> int:
     """Return the number of batches of every rank in an epoch of ``length`` samples.
 
-    Raises
-    ------
-    RuleError
-        If an epoch holds no batch, or if the last round could not give every rank a sample.
+    Raise a `RuleError` if an epoch holds no batch, or if the last round could not give every rank a sample.
     """
     full, rest = divmod(length, batch_size * world)
     if drop_last:

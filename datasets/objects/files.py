@@ -53,10 +53,7 @@ class FileFamily(ListedFamily):
     def files(self) -> dict[str, str]:
         """Path of each file by the SHA-256 of its bytes.
 
-        Raises
-        ------
-        RuleError
-            If the folder does not exist, holds no such file, or holds one that cannot be read.
+        Raise a `RuleError` if the folder does not exist, holds no such file, or holds one that cannot be read.
         """
         name, folder = type(self).__name__, Path(self.path).expanduser()
         if not folder.is_dir():

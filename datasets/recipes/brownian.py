@@ -91,10 +91,7 @@ class Speed(Value):
 def require_moving(recipe: Recipe, which: str) -> None:
     """Refuse media that cannot be filmed.
 
-    Raises
-    ------
-    RuleError
-        Screens, the atlas, light of a band, and layers that are all at rest.
+    Raise a `RuleError` for screens, lookup tables, light of a band, and layers that are all at rest.
     """
     material: Any = recipe.material
     if isinstance(material, Diffuser):

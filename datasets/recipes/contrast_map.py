@@ -336,10 +336,8 @@ def _surface(recipe: ContrastMap, slab: Slab, vessel: Vessel, angle: float, offs
 def _instants(light: LocalLight, duration: float, asked: ExposureTimes) -> int:
     """Instants that the light of one place needs in an exposure.
 
-    Raises
-    ------
-    RuleError
-        Where twice the most instants that a recipe may have would still change K^2 by more than the tolerance.
+    Raise a `RuleError` where twice the most instants that a recipe may have would still change K^2 by more than the
+    tolerance.
     """
     field = lambda lag: _at(light, lag)  # noqa: E731
     fewer, more = (sub_frame_contrast_squared(field, duration, count) for count in (_MOST_INSTANTS, 2 * _MOST_INSTANTS))

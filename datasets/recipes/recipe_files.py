@@ -78,10 +78,8 @@ class RecipeFile:
 def recipe_file(source: str | Path, changes: Mapping[str, Any] | None = None) -> RecipeFile:
     """Read a packaged recipe (by name) or a TOML file (by path), what it inherits, and changes to it.
 
-    Raises
-    ------
-    RuleError
-        If there is no such recipe, the file is not TOML, or recipes inherit one another in a circle or too long a row.
+    Raise a `RuleError` if there is no such recipe, the file is not TOML, or recipes inherit one another in a circle or
+    too long a row.
     """
     place = located(str(source), Path())
     if place in table_names():

@@ -67,12 +67,8 @@ def open_for(
 ) -> Share:  # fmt: skip
     """Open the store of this recipe at ``folder``, made or grown as needed, for part i of n of its shards.
 
-    Of the ledger the lines of the part alone are read.
-
-    Raises
-    ------
-    RuleError
-        If the folder holds something else, or another data set: the fields that differ are named.
+    Of the ledger the lines of the part alone are read. Raise a `RuleError` if the folder holds something else, or
+    another data set: the fields that differ are named.
     """
     store = opened(recipe, identity(recipe, seed, split, dtype), folder, samples, shard_samples, notes)
     metadata.require_bounded("generate.samples", max(samples, store.samples), store.shard_samples)
@@ -163,10 +159,8 @@ def _grow(folder: Path, now: metadata.Metadata, wanted: int | None) -> None:
 def mend_metadata(folder: Path, recipe: Renderable) -> str:
     """Write the metadata of a store again from its recipe, if they are damaged; return what was found.
 
-    Raises
-    ------
-    RuleError
-        If the folder is not a store of this version, or of another recipe; or nothing tells its seed any more.
+    Raise a `RuleError` if the folder is not a store of this version, or of another recipe; or nothing tells its seed
+    any more.
     """
     metadata.reject_strangers(folder)
     if not is_remote(folder):

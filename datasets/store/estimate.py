@@ -78,10 +78,8 @@ def foreseen(
 ) -> str:  # fmt: skip
     """Say what storing so many more samples in a folder will cost; nothing where that is seconds and little room.
 
-    Raises
-    ------
-    RuleError
-        If the disk has less room than that, or if it would take more than thirty days, unless ``anyway``.
+    Raise a `RuleError` if the disk has less room than that, or if it would take more than thirty days, unless
+    ``anyway``.
     """
     specs = stored_arrays(recipe).values()
     raw = samples * sum(int(np.prod(spec.shape)) * stored_type(spec, "uint16").itemsize for spec in specs)

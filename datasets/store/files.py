@@ -31,10 +31,7 @@ def no_room(error: BaseException | None) -> bool:
 def reaching(folder: Path) -> Iterator[None]:
     """Turn the error of a file system, or of the library of an address, that gives no answer into one of the folder.
 
-    Raises
-    ------
-    RuleError
-        If it cannot be reached, or refuses: with the reason and the remedy.
+    Raise a `RuleError` if it cannot be reached, or refuses: with the reason and the remedy.
     """
     try:
         yield

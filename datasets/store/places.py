@@ -29,10 +29,7 @@ class File(Protocol):
 def place_of(folder: str | os.PathLike) -> Path:
     """Return the Path of a folder, or the UPath of an address.
 
-    Raises
-    ------
-    RuleError
-        If it is an address, and universal-pathlib is not installed.
+    Raise a `RuleError` if it is an address, and universal-pathlib is not installed.
     """
     if is_remote(folder):
         return folder  # type: ignore[return-value]

@@ -93,10 +93,7 @@ class Task(NamedTuple):
     def recipe(self) -> HiddenObject:
         """Recipe of the task; its ``train`` and ``validation`` splits are there to learn from.
 
-        Raises
-        ------
-        RuleError
-            If this build renders other images than those of :data:`VERSION`.
+        Raise a `RuleError` if this build renders other images than those of :data:`VERSION`.
         """
         recipe = _recipe(self.base, json.dumps(self.changes))
         found = {"waves": waves.digest, "frames": frames.digest, "pages": lambda: pages.digest(recipe)}.get(
@@ -118,10 +115,7 @@ class Task(NamedTuple):
     def batches(self, numbers: Sequence[int], measured: Path | str | None = None) -> Iterator[dict[str, Any]]:
         """Samples of some numbers, in batches of tensors; ``measured`` is where files lie that have to be fetched.
 
-        Raises
-        ------
-        RuleError
-            As :meth:`recipe`; if the files are not there.
+        Raise a `RuleError` as :meth:`recipe`; if the files are not there.
         """
         recipe = self.recipe()
         if self.kind == "frames":

@@ -315,14 +315,11 @@ def steps_of(batch: Mapping[str, Any]) -> Tensor:
 def network_input(batch: Mapping[str, Any], kind: str) -> Tensor:
     """Turn a batch into a network's input.
 
+    Raise a `RuleError` if there is no such input, or the batch has no images of a hidden object.
+
     Returns
     -------
     float[B, 2, H, W], or float[B, T, 2, H, W] for recipes with "stack" or "frames"; of :data:`FEATURES` as they say.
-
-    Raises
-    ------
-    RuleError
-        If there is no such input, or the batch has no images of a hidden object.
     """
     if kind in FEATURES:
         return FEATURES[kind](batch)

@@ -57,10 +57,7 @@ def write_model(path: Path, stated: Mapping[str, Any], tensors: Mapping[str, Ten
 def read_model(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     """Read the file of :func:`write_model`: the model's description, and its tensors.
 
-    Raises
-    ------
-    RuleError
-        If there is no such file, it is something else, or one of its bits is not as it was written.
+    Raise a `RuleError` if there is no such file, it is something else, or one of its bits is not as it was written.
     """
     if not path.is_file():
         reject("model", "a file", str(path))

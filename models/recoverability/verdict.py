@@ -229,10 +229,7 @@ def conditions_of(
 ) -> Conditions:  # fmt: skip
     """Conditions of a recipe's images through one of its media.
 
-    Raises
-    ------
-    RuleError
-        For recipes of polarised light, whose memory effect is not round, or with a bench.
+    Raise a `RuleError` for recipes of polarised light, whose memory effect is not round, or with a bench.
     """
     if recipe.light.polarisation != "scalar":
         reject("recoverable recipe", "one of scalar light", recipe.name,

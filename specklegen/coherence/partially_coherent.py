@@ -65,6 +65,9 @@ def source_lattice(
 ) -> tuple[int, float]:  # fmt: skip
     """Return a square lattice of sines that serves all coherence lengths of a range.
 
+    Raise a `RuleError` if a coherence length is NaN, below the wavelength (the beams would leave the paraxial range),
+    or below width / 800 (a million beams).
+
     Parameters
     ----------
     wavelength
@@ -81,12 +84,6 @@ def source_lattice(
     -------
     count, pitch
         Directions along each axis, and the direction sine between neighbours.
-
-    Raises
-    ------
-    RuleError
-        If a coherence length is NaN, below the wavelength (the beams would leave the paraxial range), or
-        below width / 800 (a million beams).
 
     Examples
     --------

@@ -32,10 +32,7 @@ def instance(field: str, value: object, kind: type[T]) -> T:
 def whole_number(field: str, value: object, least: int = 0, most: int | None = None, *, remedy: str = "") -> int:
     """Return a whole number in a range, ends included.
 
-    Raises
-    ------
-    RuleError
-        If it is none: 2.0 and True are not whole numbers here.
+    Raise a `RuleError` if it is none: 2.0 and True are not whole numbers here.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         reject(field, "a whole number", value, remedy)
@@ -78,10 +75,7 @@ def several(field: str, value: object, kind: type[T]) -> tuple[T, ...]:
 def flag(field: str, value: object) -> bool:
     """Return True or False, which has to be given as such.
 
-    Raises
-    ------
-    RuleError
-        If it is something else: "no" and arrays have no truth here.
+    Raise a `RuleError` if it is something else: "no" and arrays have no truth here.
     """
     if not isinstance(value, bool | np.bool_):
         reject(field, "True or False", value)
@@ -98,10 +92,7 @@ def choice(field: str, value: object, choices: Collection[str]) -> str:
 def real_number(field: str, value: object) -> float:
     """Return a number as a float; its range, and whether it may be infinite, are for the caller to judge.
 
-    Raises
-    ------
-    RuleError
-        If it is none: "1", True and 1j are not numbers here.
+    Raise a `RuleError` if it is none: "1", True and 1j are not numbers here.
     """
     if isinstance(value, str | bytes | bool | np.bool_ | np.complexfloating) or getattr(value, "shape", ()) != ():
         reject(field, "a number", value)
@@ -121,10 +112,7 @@ def number_from_zero(field: str, value: object, *, above: bool = False, finite: 
 def complex_number(field: str, value: object) -> complex:
     """Return a real or complex number as a complex one, finite or not.
 
-    Raises
-    ------
-    RuleError
-        If it is none: "1" and True are not numbers here.
+    Raise a `RuleError` if it is none: "1" and True are not numbers here.
     """
     if isinstance(value, np.ndarray) and value.shape == ():
         value = value[()]
@@ -189,10 +177,7 @@ def host_tensor(field: str, value: object) -> "Tensor":
 def real_tensor(field: str, value: object) -> "Tensor":
     """Return a torch tensor of real numbers.
 
-    Raises
-    ------
-    RuleError
-        If it is something else, or has no numbers because it lies on "meta".
+    Raise a `RuleError` if it is something else, or has no numbers because it lies on "meta".
     """
     from torch import Tensor
 

@@ -303,6 +303,8 @@ def plain_numbers(
 ) -> tuple[dict[str, Any], Reading]:  # fmt: skip
     """Return a table with numbers for texts, and what was read in it.
 
+    Raise a `RuleError` for texts of another dimension, and for lengths or times without a unit where others have one.
+
     Parameters
     ----------
     owner
@@ -311,11 +313,6 @@ def plain_numbers(
         As of a :class:`Reading`.
     made
         The value that is being made of it, if any.
-
-    Raises
-    ------
-    RuleError
-        For texts of another dimension, and for lengths or times without a unit where others have one.
     """
     reading = Reading(table, nodes, whole, beside)
     unmeasured = reading.unmeasured()

@@ -189,10 +189,7 @@ class Registry(Generic[T]):
     def add(self, name: str, member: T) -> None:
         """Make a member known; one of the same module and name takes the place of the old one, as in a notebook.
 
-        Raises
-        ------
-        RuleError
-            If something else has the name.
+        Raise a `RuleError` if something else has the name.
         """
         known = self._members.get(name)
         if known is not None and _place(known) != _place(member):

@@ -17,10 +17,7 @@ from specklegen.core.file_limits import DEEPEST, LARGEST_TEXT
 def read_text(path: Path, field: str) -> str:
     """Read a text file that a user named.
 
-    Raises
-    ------
-    RuleError
-        If there is no such file, or it cannot be read, is too large or is no text in UTF-8.
+    Raise a `RuleError` if there is no such file, or it cannot be read, is too large or is no text in UTF-8.
     """
     try:
         if not path.is_file():

@@ -319,9 +319,9 @@ def pixel_means(image: ArrayLike, factor: int) -> np.ndarray:
 def incoherent_sum(images: ArrayLike, weights: ArrayLike | None = None) -> np.ndarray:
     """Add images that do not interfere: wavelengths of a band, polarisations, instants of a long exposure.
 
-    n independent images of equal weight have a contrast lower by 1 / sqrt(n), in general by
-    sqrt(sum of squared weights); correlated ones less (the correlation is the engine's: it enters
-    through the images).
+    n independent images of equal weight have a contrast lower by 1 / sqrt(n), in general by sqrt(sum of squared
+    weights); correlated ones less (the correlation is the engine's: it enters through the images). Raise a `RuleError`
+    if there is no image, or the weights do not fit them, are negative or all 0.
 
     Parameters
     ----------
@@ -334,11 +334,6 @@ def incoherent_sum(images: ArrayLike, weights: ArrayLike | None = None) -> np.nd
     -------
     image
         float64[..., H, W].
-
-    Raises
-    ------
-    RuleError
-        If there is no image, or the weights do not fit them, are negative or all 0.
 
     Examples
     --------

@@ -66,17 +66,14 @@ class PublicData:
     def get(self, folder: str | Path, source: str | None = None) -> Path:
         """Clone the files of the set into a folder, unless they are there, and check their digests.
 
+        Raise a `RuleError` if git fails, or a file has another content.
+
         Parameters
         ----------
         folder
             A new one, or one with the files.
         source
             Address or path of another clone of the same repository; by default that on GitHub.
-
-        Raises
-        ------
-        RuleError
-            If git fails, or a file has another content.
         """
         folder = Path(folder)
         if folder.exists() and not folder.is_dir():
@@ -116,15 +113,12 @@ def public_data_names() -> tuple[str, ...]:
 def public_data(name: str) -> PublicData:
     """One of the public measurements, by its name.
 
+    Raise a `RuleError` if there is none of that name.
+
     Parameters
     ----------
     name
         One of ``public_data_names()``.
-
-    Raises
-    ------
-    RuleError
-        If there is none of that name.
 
     Examples
     --------

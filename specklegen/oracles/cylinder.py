@@ -54,12 +54,8 @@ class Cylinder:
     def resonant(cls, radius: float, wavelength: float = 1.0, order: int = 1) -> Self:
         """Return the cylinder of the lowest index above 1 at which B_0 = 0: T_0 = -1, the most that is possible.
 
-        B_0 changes its sign just once between m = 1 and the first zero of J_0(y), as long as Y_0(x) < 0.
-
-        Raises
-        ------
-        RuleError
-            If the radius is not below 0.142 wavelengths, where Y_0(ka) < 0.
+        B_0 changes its sign just once between m = 1 and the first zero of J_0(y), as long as Y_0(x) < 0. Raise a
+        `RuleError` if the radius is not below 0.142 wavelengths, where Y_0(ka) < 0.
         """
         x = 2 * np.pi * radius / wavelength
         thickest = float(y0_zeros(1)[0][0].real)

@@ -390,10 +390,7 @@ def require_corner(owner: str, shape: tuple[int, ...], pitch: float) -> None:
 def object_sines(owner: str, shape: tuple[int, ...], pitch: float, pixels: np.ndarray | None = None) -> np.ndarray:
     """Direction sines float64[n, 2] = (x, y) of some pixels of an object, by their numbers, or of all in C order.
 
-    Raises
-    ------
-    RuleError
-        If pixels reach beyond the half space, or there are more of them than memory holds.
+    Raise a `RuleError` if pixels reach beyond the half space, or there are more of them than memory holds.
     """
     require_corner(owner, shape, pitch)
     if pixels is None:

@@ -296,10 +296,8 @@ _MOST_WAVES = 1e12
 def require_thin(medium: ThinMedium, wavelength: float) -> ScreenStack:
     """Return a thin medium as a stack, unless the model of thin screens does not hold at a wavelength.
 
-    Raises
-    ------
-    RuleError
-        If it is no thin medium, a screen's correlation length is below the wavelength, or it scatters too wide.
+    Raise a `RuleError` if it is no thin medium, a screen's correlation length is below the wavelength, or it scatters
+    too wide.
     """
     stack = getattr(medium, "stack", None)
     if stack is None:

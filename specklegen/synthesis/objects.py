@@ -69,6 +69,9 @@ def object_imaging(
 ) -> Imaging:  # fmt: skip
     """Prepare to image objects of one shape behind one material in front of one camera.
 
+    Raise a `RuleError` if the camera undersamples the speckle, and its pixels have no area, or modes would not fit into
+    memory.
+
     Parameters
     ----------
     correlation
@@ -88,11 +91,6 @@ def object_imaging(
         Share of the intensity that the modes may leave out (it is put back evenly).
     device, dtype
         Where and in what precision; complex64 (by default) or complex128.
-
-    Raises
-    ------
-    RuleError
-        If the camera undersamples the speckle, and its pixels have no area, or modes would not fit into memory.
     """
     from specklegen.synthesis.imaging import imagings
 

@@ -35,9 +35,10 @@ def box_covariance(
 ) -> np.ndarray:  # fmt: skip
     """Covariance of singly scattered far fields of a homogeneous box under plane waves, complex128[...].
 
-    Exact but for rounding: to some 1e-14 of the scattering cross-section sigma_s V times |s|^2. A mixture
-    of particles is the sum of its kinds, each with its share of the result. Slower in three
-    dimensions than in two, and there the slower the fewer of the directions share a plane.
+    Exact but for rounding: to some 1e-14 of the scattering cross-section sigma_s V times |s|^2. A mixture of particles
+    is the sum of its kinds, each with its share of the result. Slower in three dimensions than in two, and there the
+    slower the fewer of the directions share a plane. Raise a `RuleError` for a field out of its range, a box without a
+    volume, or directions of another dimension.
 
     Parameters
     ----------
@@ -49,11 +50,6 @@ def box_covariance(
         s(cos theta), real or complex, of arrays.
     lights, views
         (i1, i2) and (v1, v2): unit vectors of travel, float[..., d] each, broadcast against each other.
-
-    Raises
-    ------
-    RuleError
-        For a field out of its range, a box without a volume, or directions of another dimension.
     """
     lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
     dimension = lower.size

@@ -40,7 +40,8 @@ def memory_effect_thick_slab(q: ArrayLike, optical_depth: float) -> np.ndarray:
 
     X = kappa (OD + 2 z0), kappa = q / OD, f = [sinh(kappa z0) + kappa cosh(kappa z0)] / [(1 - kappa^2) kappa (1 + z0)]:
     diffusion with exponential depths of first and last vertices and no fitted parameter. Within 0.001 at an optical
-    depth of 10 and 0.0002 at 20 of the transfer equation (``tests/references/correlation_transfer.py``).
+    depth of 10 and 0.0002 at 20 of the transfer equation (``tests/references/correlation_transfer.py``). Raise a
+    `RuleError` for an optical depth not above 0, or a q beyond the formula's reach.
 
     Parameters
     ----------
@@ -48,11 +49,6 @@ def memory_effect_thick_slab(q: ArrayLike, optical_depth: float) -> np.ndarray:
         k L sin(tilt), any shape, |q| <= 0.8 OD: the formula has a pole at q = OD.
     optical_depth
         Thickness over mean free path.
-
-    Raises
-    ------
-    RuleError
-        For an optical depth not above 0, or a q beyond the formula's reach.
     """
     _require_depth("memory_effect_thick_slab", optical_depth)
     q = np.asarray(q, dtype=np.float64)

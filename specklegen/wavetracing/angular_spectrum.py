@@ -31,10 +31,8 @@ ORDER = 16
 def spectrum_field(rim: Rim | Mask, light: Light, plane: Plane, padding: float = 2.0) -> np.ndarray:
     """Return the field complex128[H * W] on a plane parallel to the screen.
 
-    Raises
-    ------
-    RuleError
-        If the plane is tilted, the padding is below 1, or more than 8192 waves along an axis were needed.
+    Raise a `RuleError` if the plane is tilted, the padding is below 1, or more than 8192 waves along an axis were
+    needed.
     """
     if not (np.isfinite(padding) and padding >= 1):
         reject("field_on_plane padding", "at least 1", padding)

@@ -37,10 +37,7 @@ FAR = 10.0
 def edge_ray_field(rim: Rim, light: PlaneWave, points: np.ndarray, polarisation: Polarisation) -> np.ndarray:
     """Return the field complex128[P] at ``points`` float64[P, 3], z > 0.
 
-    Raises
-    ------
-    RuleError
-        If the polarisation is unknown, or a point lies within 1/k of an edge.
+    Raise a `RuleError` if the polarisation is unknown, or a point lies within 1/k of an edge.
 
     Warns
     -----

@@ -66,7 +66,7 @@ def itu_permittivity(name: str, frequency: Annotated[float, RATE]) -> complex:
     """Return the relative permittivity of a building material at a frequency in hertz (ITU-R P.2040-4, table 3).
 
     Where two rows hold the frequency, the one of the narrower band counts; where none does, the nearest one, with a
-    `DoubtWarning`.
+    `DoubtWarning`. Raise a `RuleError` for an unknown name, or a frequency that is not positive and finite.
 
     Parameters
     ----------
@@ -74,11 +74,6 @@ def itu_permittivity(name: str, frequency: Annotated[float, RATE]) -> complex:
         Of the table, such as "concrete", "brick", "glass" or "wood".
     frequency
         Hertz.
-
-    Raises
-    ------
-    RuleError
-        For an unknown name, or a frequency that is not positive and finite.
 
     Examples
     --------

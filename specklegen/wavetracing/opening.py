@@ -103,11 +103,8 @@ _ORDER = "List outer loops counter-clockwise and holes clockwise."
 def rim_of(field: str, opening: Opening | Rim) -> Rim:
     """Check an opening and return its rim.
 
-    Raises
-    ------
-    RuleError
-        If a loop is not float64[n, 2] with n >= 3 and finite, loops cross, or wind about a place twice or the wrong way
-        round.
+    Raise a `RuleError` if a loop is not float64[n, 2] with n >= 3 and finite, loops cross, or wind about a place twice
+    or the wrong way round.
     """
     if isinstance(opening, Rim):
         return opening

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.special import erfc, wofz
 
+from specklegen.kernels import kernel
 from specklegen.wavetracing import Conductor, Geometry, Mesh, PointEmitter, coherent_rays
-from specklegen.wavetracing.kernels.double_edges import corner_shares
+from specklegen.wavetracing.kernels import double_edges
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*corners matter:specklegen.core.errors.DoubtWarning")
 
@@ -85,9 +86,15 @@ def test_the_integral_of_one_edge():
             assert alone == pytest.approx(formula, abs=0.6)
 
 
+@kernel
+def fill_corner_shares(a, b, rho, out):
+    for n in range(a.shape[0]):
+        out[n] = double_edges.corner_share(a[n], b[n], rho[n])
+
+
 def corner_share(*numbers):
     out = np.empty(len(numbers[0]), complex)
-    corner_shares(*numbers, out)
+    fill_corner_shares(*numbers, out)
     return out
 
 

@@ -1,14 +1,17 @@
 """Diffraction patterns of traced beams: against the exact field of a hole, and of partially coherent light."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
 from wavetracing.screens import FAR, HEXAGRAM, HEXAGRAM_AREA, rim_intensity, screen, slit
 from zscore import FALSE_ALARM, assert_z
 
+from specklegen.kernels import kernel
 from specklegen.wavetracing import CollimatedEmitter, Geometry, Mesh, Plane, trace
 from specklegen.wavetracing.kernels.masked_beams import FINE, GRID, WORDS, draw_raster, fitted
-from specklegen.wavetracing.kernels.region_patterns import draw_polygons
+from specklegen.wavetracing.kernels.region_patterns import draw_polygon
 
 K = 2 * np.pi
 
@@ -175,6 +178,18 @@ def test_light_in_the_shadow_of_a_half_plane():
             for wrong in (share / 2, share * 2):
                 with pytest.raises(AssertionError, match="z ="):
                     assert_z(got, wrong, np.sqrt(wrong / beams), slack=0.04 * wrong)
+
+
+@kernel
+def draw_polygons(key0, key1, first, edges, area, xi):
+    """Fill ``xi`` float64[n, 2] with draws of the paths ``first``, ...; NaN where one fails. Return the tries."""
+    tries = 0
+    for n in range(xi.shape[0]):
+        path = np.uint64(first + n)
+        x, y, _, count, found = draw_polygon(np.uint64(key0), np.uint64(key1), path, np.uint64(0), edges, area)
+        xi[n, 0], xi[n, 1] = (x, y) if found else (math.nan, math.nan)
+        tries += count
+    return tries
 
 
 def test_power_of_a_square_within_circles():

@@ -296,10 +296,7 @@ def known(
 def known_light(slab: Slab, paths: int, bandwidth: float, spectrum: Spectrum) -> LightModes:
     """Modes of light of a band behind a slab, from the same paths as its correlation.
 
-    Raises
-    ------
-    RuleError
-        If the band makes too many modes.
+    Raise a `RuleError` if the band makes too many modes.
     """
     correlation = estimate_spectral_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
     return light_modes(correlation, bandwidth, spectrum)

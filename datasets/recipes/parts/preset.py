@@ -152,10 +152,7 @@ class PresetMaterial(Value):
     def in_laboratory(self, lab: LabSetup) -> Self:
         """Return the material at a laboratory's wavelength, in its unit of length and between its faces.
 
-        Raises
-        ------
-        RuleError
-            Where it is given otherwise, or the laboratory has plates over the faces.
+        Raise a `RuleError` where it is given otherwise, or the laboratory has plates over the faces.
         """
         micrometres = lab.wavelength * lab.metres / 1e-6
         for field, value in (("wavelength", micrometres), ("unit", lab.metres)):

@@ -99,13 +99,6 @@ def corner_share(a, b, rho):
 
 
 @kernel
-def corner_shares(a, b, rho, out):
-    """Fill ``out`` complex128[P] with `corner_share` of float64[P] each."""
-    for n in range(a.shape[0]):
-        out[n] = corner_share(a[n], b[n], rho[n])
-
-
-@kernel
 def _term(bend, number, root):
     """One of four terms: a, a cot(d / 2n), whether the lit side is where the angle grows, and its column."""
     image, sign = number // 2, 1.0 if number % 2 == 0 else -1.0

@@ -97,15 +97,3 @@ def draw_polygon(key0, key1, path, counter, edges, area):
             if keep * count * bound < value:
                 return x, y, counter, tries, True
     return 0.0, 0.0, counter, tries, False
-
-
-@kernel
-def draw_polygons(key0, key1, first, edges, area, xi):
-    """Fill ``xi`` float64[n, 2] with draws of the paths ``first``, ...; NaN where one fails. Return the tries."""
-    tries = 0
-    for n in range(xi.shape[0]):
-        path = np.uint64(first + n)
-        x, y, _, count, found = draw_polygon(np.uint64(key0), np.uint64(key1), path, np.uint64(0), edges, area)
-        xi[n, 0], xi[n, 1] = (x, y) if found else (math.nan, math.nan)
-        tries += count
-    return tries
