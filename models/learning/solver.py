@@ -69,8 +69,8 @@ class Solution(NamedTuple):
     log_likelihood : float32[B]
         Of the settled image, less that of a spectrum equal to the periodogram.
     probability : float32[B]
-        The certificate: that the image's correlation with the true object exceeds .8. NaN where it is not calibrated
-        for what was measured.
+        Confidence: that the image's correlation with the true object, on the frame of n pixels, exceeds 0.8. NaN where
+        it is not calibrated for what was measured, as under a taper.
     evidence : float32[B, e]
         What the certificate was read from; see :func:`evidence_of`.
     points : int64[B]
@@ -173,6 +173,7 @@ class Solver:
                 if few is not None:
                     image[place], count[place] = few.image, few.points
                     probability[place] = self.points(few.evidence)
+        probability = torch.where(likelihood.taper > 0, float("nan"), probability)  # not calibrated
         (near,), (least_deviance,) = (x.unbind(1) for x in settled(image[:, None], deviance))
         log = -seen.looks * likelihood.frequencies * least_deviance
         return Solution(centred(image), centred(near), least_deviance, log, probability, evidence, count)

@@ -37,6 +37,7 @@ from specklegen.models.recoverability.autocorrelation_error import Conditions
 from specklegen.models.recoverability.speckle_test import SpeckleTest, speckle_test
 from specklegen.models.recoverability.verdict import Reason, conditions_of, judge
 from specklegen.models.retrieval.autocorrelation import at_distances
+from specklegen.models.retrieval.edges import shares_of
 from specklegen.models.retrieval.measured_memory_effect import measured_memory_effect
 
 _DRAWN = 15
@@ -48,7 +49,7 @@ _SURPRISE = 5.0
 _OWN = 0.01
 """Of the deviance, spread by which the solver's search ends elsewhere for another rounding; see docs/versioning.md."""
 _NO_SPECKLE = "no speckle of this setup"
-_UNLIKE = "not calibrated for this"
+_UNLIKE = "No confidence"
 _TRY_OTHER = "judge the image by its deviance, by draws, and by images of known objects in the same setup"
 _TAKE_OFF = "take off background and envelope; check window, slab, object pitch, polarisation, bandwidth of the setup"
 _TURN_SLOPE = 0.6
@@ -148,8 +149,9 @@ class Finding(Pictured):
     deviance, expected : float
         Of the image, and what that of the true object is expected to be.
     probability : float or None
-        Certificate: that the correlation with the true object exceeds .8. None where the image is no speckle of the
-        setup, or unlike all that the certificate was fitted to: of these it knows nothing, and the reasons say why.
+        Confidence: that the correlation with the true object exceeds 0.8, on a frame of n x n pixels. None where the
+        image is no speckle of the setup, unlike all that the confidence was fitted to, or seen under a taper since its
+        light falls off; the reasons say which.
     reasons : tuple of Reason
         What stands in the way, and what would help: where that is less likely than not, where nothing that was found
         explains the image, where it is no speckle of the setup, and where the certificate is silent.
@@ -286,7 +288,7 @@ def reconstruct_and_assess(
     tests = _tested(images, solution, seen, own, memory)
     camera = float(np.sqrt(images.shape[-1] * images.shape[-2])) / float(own.optics.grain)
     third = _third(images, solution, seen, own, tests)
-    solution, silent = _certified(solution, third, solver)
+    solution, silent = _certified(solution, third, solver, seen)
     turned, probabilities = _turns(solution, own, memory, third)
     drawn = solver.posterior(seen, own.optics, memory, draws=draws, seed=seed, solved=solution) if draws else None
     each = tuple(
@@ -314,16 +316,21 @@ def _third(
     return moments
 
 
-def _certified(solution: Solution, third: Tensor, solver: Solver) -> tuple[Solution, list[str]]:
+def _certified(solution: Solution, third: Tensor, solver: Solver, seen: Periodogram) -> tuple[Solution, list[str]]:
     """Solution with the probabilities that the third order adds to, and why there is none; empty where there is one."""
     certificate, evidence, names = solver.certificate, solution.evidence, EVIDENCE
+    shares = shares_of(seen.taper, len(third))
     if solver.third is not None:
         certificate, names = solver.third, (*EVIDENCE, THIRD)
         evidence = torch.cat([evidence, third[:, 1:].to(evidence)], dim=1)
-        probability = torch.where(solution.points > 0, solution.probability, certificate(evidence))
+        kept = (solution.points > 0) | (torch.tensor(shares) > 0)
+        probability = torch.where(kept, solution.probability, certificate(evidence))
         solution = solution._replace(probability=probability)
     silent = [""] * len(third)
     for n in torch.nonzero(solution.probability.isnan()).flatten().tolist():
+        if shares[n]:
+            silent[n] = f"the light falls off, and a taper covers {shares[n]:.2g} of each side: not calibrated there"
+            continue
         far = [] if solution.points[n] else torch.nonzero(certificate.unlike(evidence[n])).flatten().tolist()
         silent[n] = "; ".join(
             _beyond(names[k], float(evidence[n, k]), float(certificate.low[k]), float(certificate.high[k])) for k in far

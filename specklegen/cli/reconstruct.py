@@ -47,7 +47,7 @@ def reconstruct(
     changes: Set = None,
     as_json: AsJson = False,
 ) -> None:
-    """Reconstruct what is hidden behind your slab, with a certificate, and advice where it fails."""
+    """Reconstruct what is hidden behind your slab, with a confidence, and advice where it fails."""
     import numpy as np
     import torch
 
@@ -91,13 +91,13 @@ def reconstruct(
     for note in notes:
         typer.echo(note)
     for name, each in zip(names, found.each, strict=True):
-        certificate = (
-            "no certificate" if each.probability is None
-            else f"right (correlation above 0.8) with probability {each.probability:.2f}"
+        confidence = (
+            "no confidence, for the reason below" if each.probability is None
+            else f"confidence {each.probability:.2f} that r > 0.8 on {' x '.join(map(str, each.image.shape))} pixels"
         )  # fmt: skip
         turn = "turn by 180 degrees not told" if each.turn is None else f"right way up with probability {each.turn:.2f}"
         deviance = f"deviance {each.deviance:.3f}, of the true object {each.expected:.3f}"
-        typer.echo(f"{name}: {certificate}; {turn}; {deviance}")
+        typer.echo(f"{name}: {confidence}; {turn}; {deviance}")
         if each.draws is not None:
             typer.echo(f"  {draws} draws agree by {float(each.draws.agreement[0]):.2f}: {out / f'{name}-draws.png'}")
         for reason in each.reasons:

@@ -104,7 +104,7 @@ def test_no_probability_where_it_is_not_calibrated():
     for one in reconstruct_and_assess(images, recipe, solver=solver).each:
         assert one.probability is None
         assert one.turn is None
-        assert one.reasons[0].name == "not calibrated for this"
+        assert one.reasons[0].name == "No confidence"
         assert one.reasons[0].numbers.startswith("skewness without the object")
         assert one.reasons[0].numbers.endswith("fitted to 50 to 60")
         assert "probability" not in one._facts()
@@ -113,3 +113,13 @@ def test_no_probability_where_it_is_not_calibrated():
 def test_shapes_are_checked():
     with pytest.raises(RuleError, match="of shape"):
         reconstruct_and_assess(torch.ones(64, 64), load_recipe("one-angular-size", SLAB))
+
+
+def test_no_probability_under_a_taper():
+    """A slope of the light, for which the confidence is not calibrated: silent, and the reason says why."""
+    recipe = load_recipe("one-angular-size", SLAB)
+    images = torch.from_numpy(recipe.batch(4, "test", range(1))["image"])[:, None]
+    (found,) = reconstruct_and_assess(images * torch.linspace(0.7, 1.3, images.shape[-1]), recipe).each
+    assert found.probability is None
+    assert found.reasons[0].name == "No confidence"
+    assert found.reasons[0].numbers.startswith("the light falls off")
