@@ -1,5 +1,7 @@
 """Runs that take a second, for the tests of training."""
 
+import json
+
 import numpy as np
 import torch
 
@@ -8,6 +10,12 @@ from specklegen.models.learning.training import Training
 
 TINY = {"material": {"kernel_paths": 1000, "kernel": "estimate"}, "camera": {"shape": [32, 32]},
         "objects": {"shape": [12, 12]}, "samples": {"train": 24, "validation": 8}}  # fmt: skip
+
+CHANGES = [
+    word for part, fields in TINY.items() for name, value in fields.items()
+    for word in ("--set", f"{part}.{name}={json.dumps(value)}")
+]  # fmt: skip
+"""The same as words of a command."""
 
 
 def squares(count, seed, media=4):

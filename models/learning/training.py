@@ -6,8 +6,9 @@ there the learning rate falls with the time spent, so that a run ends well whene
 clock on the wall, and count everything: reading or rendering, learning, validating, saving.
 
 Files in the folder of a run: ``run.json`` (settings and data; nothing else goes on with the run), ``checkpoint.pt``
-(all that is needed to go on: after each epoch, every few minutes, and on Ctrl-C), ``best.pt`` (the model with the best
-score on validation media, of objects the Pearson correlation), ``log.csv``, ``owner`` (which process began last).
+(all that is needed to go on: after each epoch, every few minutes, on Ctrl-C and SIGTERM, and where the data fail),
+``best.pt`` (the model with the best score on validation media, of objects the Pearson correlation), ``log.csv``,
+``owner`` (which process began last).
 """
 
 import math
@@ -23,8 +24,8 @@ from torch import Tensor
 
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import reject
+from specklegen.core.interrupts import Interrupt, Terminated, deferred, undisturbed
 from specklegen.models.learning.examples import Examples
-from specklegen.models.learning.interrupts import Interrupt, deferred
 from specklegen.models.learning.losses import loss_named
 from specklegen.models.learning.reconstructor import Reconstructor
 from specklegen.models.learning.run import Run
@@ -112,6 +113,8 @@ def train(
         in the folder; or if the model to start from is another network, or of other sizes.
     KeyboardInterrupt
         On Ctrl-C, after the step that was being made and a checkpoint.
+    SystemExit
+        On SIGTERM, likewise, with status 143; unless the program has a handler of SIGTERM of its own.
 
     Examples
     --------
@@ -155,7 +158,8 @@ def _trained(
             for inputs, targets in run.pace.timed(batches(run.epoch, run.step)):
                 done = run.epoch * length + run.step
                 share = done / total if seconds is None else max(done / total, run.spent / max(seconds - closing, 1e-9))
-                run.take_step(inputs, targets, loss_of, min(1.0, (done + 1) / WARM_UP) * cosine(share))
+                with undisturbed():
+                    run.take_step(inputs, targets, loss_of, min(1.0, (done + 1) / WARM_UP) * cosine(share))
                 taken += 1
                 run.count_time()
                 if steps is not None:
@@ -172,10 +176,10 @@ def _trained(
                     run.finished = True
                     break
             interrupt.obey()
-        except (Exception, KeyboardInterrupt):
-            if interrupt.asked and not run.stepping:
+        except (Exception, KeyboardInterrupt, Terminated):
+            if not run.stepping:
                 run.save()
-                raise KeyboardInterrupt from None  # whatever workers say that heard the Ctrl-C too
+                interrupt.obey()
             raise
         row = run.end_epoch()
         saved = time.monotonic()

@@ -39,7 +39,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="\b\nExit status: 0 done; 1 something is missing or damaged; 2 refused, with the reason; 130 stopped.",
+    epilog="\b\nExit status: 0 done; 1 something is missing or damaged; 2 refused, with the reason; 130, 143 stopped.",
 )
 
 

@@ -12,6 +12,7 @@ import typer
 
 from specklegen.core.errors import RuleError, ToldError
 from specklegen.core.extras import install_line
+from specklegen.core.interrupts import TERMINATED, Terminated, terminable
 
 FAILED = 2
 """Exit status of a command that could not do what it was asked for."""
@@ -43,14 +44,20 @@ def told(error: BaseException) -> str | None:
     return next((words(error) for kind, words in _WORDS if isinstance(error, kind)), None)
 
 
+def exit_status(stopped: KeyboardInterrupt | Terminated) -> int:
+    """Return the exit status after Ctrl-C or SIGTERM."""
+    return TERMINATED if isinstance(stopped, Terminated) else INTERRUPTED
+
+
 @contextmanager
 def failures_told() -> Iterator[None]:
     """Turn what stops a command into a line and an exit status."""
     try:
-        yield
-    except KeyboardInterrupt:
+        with terminable():
+            yield
+    except (KeyboardInterrupt, Terminated) as stopped:
         typer.echo("stopped", err=True)
-        raise SystemExit(INTERRUPTED) from None
+        raise SystemExit(exit_status(stopped)) from None
     except Exception as error:
         message = told(error)
         if message is None:

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from specklegen.cli.failures import INTERRUPTED, NOT_WHOLE
+from specklegen.cli.failures import NOT_WHOLE, exit_status
 from specklegen.cli.output import AsJson, Progress, echo_json, require_writable
 from specklegen.cli.recipe_options import Images, Objects, RecipeName, RecipeOrStore, Seed, Set, Split, is_store, load
 from specklegen.cli.settings import option
 from specklegen.core.errors import counted, reject
+from specklegen.core.interrupts import Terminated
 
 if TYPE_CHECKING:
     from specklegen.datasets.store.verify import Verification
@@ -46,14 +47,14 @@ def generate(
         try:
             report = fill(loaded, seed, split, samples=count, folder=out, processes=processes, shard_range=part,
                           progress=progress, notes=loaded.split_notes(), cluster=cluster)  # fmt: skip
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, Terminated) as stopped:
             progress.bar.close()
             typer.echo(
                 f"stopped: {progress.done} of {counted(count, 'sample')} are in {out}, each of them whole; "
                 "run the same command again to go on from there",
                 err=True,
             )
-            raise typer.Exit(INTERRUPTED) from None
+            raise typer.Exit(exit_status(stopped)) from None
     took = time.perf_counter() - begin
     rendered, total = report["rendered"], counted(report["total"], "sample")
     whole = total if part[1] == 1 else f"{total} of part {shard_range}"

@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from specklegen.cli.failures import exit_status
 from specklegen.cli.judging import MOST_KEPT, closed
 from specklegen.cli.output import require_left_out, writable
 from specklegen.cli.recipe_options import Images, Objects, RecipeOrStore, Set, is_store, load, load_hidden
 from specklegen.cli.settings import Fields, option
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import counted, reject
+from specklegen.core.interrupts import Terminated
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -232,7 +234,7 @@ def _fitted(
     settings: "Training", material: _Material, out: Path, seconds: float | None, device: str, begun: float,
     reserve: float, first: "Reconstructor | None",
 ) -> "Reconstructor":  # fmt: skip
-    """Train with a bar of steps and a line an epoch; Ctrl-C ends the command with status 130."""
+    """Train with a bar of steps and a line an epoch; Ctrl-C and SIGTERM end the command after a checkpoint."""
     from tqdm import tqdm
 
     from specklegen.models.judging.charts import training_curves
@@ -260,9 +262,9 @@ def _fitted(
         try:
             model = fit(settings, material.data, material.held_out, out, seconds=seconds, device=device, progress=show,
                         steps=step, about=material.about, begun=begun, reserve=reserve, start=first)  # fmt: skip
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, Terminated) as stopped:
             typer.echo(f"stopped; the same command goes on from {out / 'checkpoint.pt'}", err=True)
-            raise typer.Exit(130) from None
+            raise typer.Exit(exit_status(stopped)) from None
     if not rows:
         typer.echo(f"The run in {out} was finished already: nothing was done. Ask for more --epochs to go on.")
     return model

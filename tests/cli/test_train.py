@@ -2,16 +2,11 @@
 
 import json
 
-from small_runs import TINY
+from small_runs import CHANGES
 from typer.testing import CliRunner
 
 from specklegen.cli import commands
 from specklegen.cli.training import rendered_before
-
-CHANGES = [
-    word for part, fields in TINY.items() for name, value in fields.items()
-    for word in ("--set", f"{part}.{name}={json.dumps(value)}")
-]  # fmt: skip
 
 
 def test_it_speaks_at_once_and_ends_with_a_table(tmp_path):

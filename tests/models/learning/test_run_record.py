@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from specklegen.cli.commands import app
 from specklegen.core.errors import RuleError
+from specklegen.core.interrupts import Terminated
 from specklegen.core.whole_files import write_whole
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.recipes.recipe_files import merged
@@ -85,33 +86,75 @@ def test_another_stream_does_not_go_on_with_a_run(tmp_path):
 
 
 def test_checkpoints_inside_an_epoch_lose_no_step(whole, tmp_path, monkeypatch):
-    """Saved after every step, stopped by a failure in step 8: the rest is what it would have been."""
-    seen = []
+    """Saved after every step, dead without a last word in step 8: the rest is what it would have been."""
+    seen, left = [], []
 
     def failing(done, total):
         seen.append((done, total))
         if done == 8:
+            left.append((tmp_path / "checkpoint.pt").read_bytes())
             raise OSError("power")
 
     with pytest.raises(OSError, match="power"):
         train(SETTINGS, DATA, HELD_OUT, tmp_path, save_every=-1.0, steps=failing)
     assert seen == [(n, 15) for n in range(1, 9)]
+    (tmp_path / "checkpoint.pt").write_bytes(left[0])
     assert (checkpoint(tmp_path)["epoch"], checkpoint(tmp_path)["step"]) == (1, 2)
     train(SETTINGS, DATA, HELD_OUT, tmp_path)
     assert_same_run(checkpoint(whole), checkpoint(tmp_path))
 
 
-def test_ctrl_c_saves_after_the_step(whole, tmp_path):
-    before = signal.getsignal(signal.SIGINT)
+@pytest.mark.parametrize(("number", "error"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, Terminated)])
+def test_ctrl_c_and_sigterm_save_after_the_step(whole, tmp_path, number, error):
+    before = signal.getsignal(number)
 
     def interrupting(done, total):
         if done == 7:
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(number)
 
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(error):
         train(SETTINGS, DATA, HELD_OUT, tmp_path, steps=interrupting)
     assert (checkpoint(tmp_path)["epoch"], checkpoint(tmp_path)["step"]) == (1, 2)
-    assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getsignal(number) is before
+    train(SETTINGS, DATA, HELD_OUT, tmp_path)
+    assert_same_run(checkpoint(whole), checkpoint(tmp_path))
+
+
+def test_a_handler_of_sigterm_that_the_program_has_is_left_alone(tmp_path):
+    heard = []
+    before = signal.signal(signal.SIGTERM, lambda *_: heard.append(1))
+    try:
+        train(SETTINGS, DATA, HELD_OUT, tmp_path,
+              steps=lambda done, _: signal.raise_signal(signal.SIGTERM) if done == 7 else None)  # fmt: skip
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert heard == [1]
+    assert checkpoint(tmp_path)["epoch"] == 3
+
+
+@pytest.mark.parametrize("moment", ["in a step", "between steps"])
+def test_data_that_fail_lose_no_step(whole, tmp_path, monkeypatch, moment):
+    """Slurm ends workers at the same time: torch tells of it by an error that it raises wherever the program is."""
+    step, count = torch.optim.AdamW.step, iter(range(100))
+
+    def die(*_):
+        raise RuntimeError("worker is killed by signal: Terminated")
+
+    def interrupted(self, *arguments, **options):
+        if next(count) == 6 and moment == "in a step":
+            signal.raise_signal(signal.SIGCHLD)
+        step(self, *arguments, **options)
+
+    monkeypatch.setattr(torch.optim.AdamW, "step", interrupted)
+    before = signal.signal(signal.SIGCHLD, die)
+    try:
+        with pytest.raises(RuntimeError, match="killed by signal"):
+            train(SETTINGS, DATA, HELD_OUT, tmp_path,
+                  steps=lambda done, _: signal.raise_signal(signal.SIGCHLD) if done == 7 else None)  # fmt: skip
+    finally:
+        signal.signal(signal.SIGCHLD, before)
+    monkeypatch.undo()
+    assert (checkpoint(tmp_path)["epoch"], checkpoint(tmp_path)["step"]) == (1, 2)
     train(SETTINGS, DATA, HELD_OUT, tmp_path)
     assert_same_run(checkpoint(whole), checkpoint(tmp_path))
 
