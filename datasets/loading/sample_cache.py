@@ -56,7 +56,7 @@ class SampleCache:
             limit = whole_number("SpeckleStream.cache_limit", limit)
         place = place_of(folder)
         self.folder = place if is_remote(place) else place.resolve()  # links are followed once
-        there = metadata.recorded(self.folder)
+        there = metadata.recorded(self.folder) if metadata.is_store(self.folder) else None  # not waited for
         dtype = "uint16" if there is None else there.attributes["identity"]["dtype"]  # either is without loss
         wanted = identity(recipe, seed, split, dtype)
         shard_samples = batch_size * -(-LEAST_SHARD // batch_size)

@@ -67,14 +67,15 @@ def content(file: Any, *, expected: bool = True) -> bytes | None:
     """Return the bytes of a file, None where there is none; one that is expected is waited for, if but shortly.
 
     It is read, not looked for, and in one request: file systems of addresses answer from lists that other processes
-    have made untrue, and refuse an object that is replaced after they opened it.
+    have made untrue, and refuse an object that is replaced after they opened it. There nothing is away while it is
+    replaced, and so nothing is waited for.
     """
 
     def read() -> bytes:
         return file.fs.cat_file(file.path) if is_remote(file) else file.read_bytes()
 
     try:
-        return patiently(read) if expected else read()
+        return patiently(read) if expected and not is_remote(file) else read()
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         return None
 
