@@ -62,6 +62,9 @@ def train(
         "a hidden object, with --input periodogram. Validation images are rendered.", "--law",
     ),
     workers: int = option(0, "Processes that render a stream.", min=0, max=1024),
+    cache: str | None = option(
+        None, "Store, or its address, that a stream is written to and read from in later runs.", metavar="FOLDER",
+    ),
     media_group: int = option(8, "Samples of a stream that share a medium, where each has one of its own.", min=1),
     device: str = option("cpu", "Torch device; without --workers it renders the stream, too, but not --law."),
     changes: Set = None,
@@ -95,7 +98,7 @@ def train(
         if validation is None:
             reject("train --validation", "given with a store", validation, "Generate one with --split validation.")
         reason = "with a store, which has its recipe"
-        require_left_out("train", reason, set=changes, images=images, objects=objects, law=law)
+        require_left_out("train", reason, set=changes, images=images, objects=objects, law=law, cache=cache)
         material = _of_stores(Path(what), validation, settings)
     else:
         require_left_out("train", "with a recipe, whose validation split is used", validation=validation)
@@ -103,9 +106,12 @@ def train(
         until = None if seconds is None else begun + _PREPARING * seconds
         if law and settings.input != "periodogram":
             reject("train --input", "periodogram with --law, which draws nothing else", settings.input)
+        if law:
+            require_left_out("train", "with --law, whose samples are not rendered", cache=cache)
         shown = _shown(recipe, media_group, law)
         renders = "cpu" if workers or law else device
-        material = _of_recipe(recipe, shown, settings, out, validation_samples, until, workers, renders)
+        material = _of_recipe(recipe, shown, settings, out, validation_samples, until, workers, renders,
+                              cache)  # fmt: skip
     few = min(_TABLED, len(material.held_out.targets))
     beside = Beside(batches_of(material.source, few, settings.seed, "validation", _TABLED // 8),
                     _methods(material.recipe, settings, seconds),
@@ -177,7 +183,7 @@ def _shown(recipe: "Recipe", media_group: int, law: bool) -> "Renderable":
 
 def _of_recipe(
     recipe: "Recipe", shown: "Renderable", settings: "Training", out: Path, asked: int, until: float | None,
-    workers: int, device: str,
+    workers: int, device: str, cache: str | None,
 ) -> _Material:  # fmt: skip
     """Stream what is shown for training, from a device, and render validation images: as many as asked, or for a time.
 
@@ -187,7 +193,7 @@ def _of_recipe(
     from specklegen.models.learning.examples import examples, streamed
 
     seed, target = settings.seed, settings.target
-    stream = SpeckleStream(shown, seed=seed, batch_size=settings.batch_size, device=device)
+    stream = SpeckleStream(shown, seed=seed, batch_size=settings.batch_size, device=device, cache=cache)
     if device != "cpu":
         first = "; operators are compiled first, a minute or two (--workers 2 renders on the CPU)"
         typer.echo(f"training images are made on: {device}{first if device.startswith('cuda') else ''}")

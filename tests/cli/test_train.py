@@ -2,11 +2,14 @@
 
 import json
 
-from small_runs import CHANGES
+import torch
+from small_runs import CHANGES, checkpoint, flat
+from small_stores import contents
 from typer.testing import CliRunner
 
-from specklegen.cli import commands
+from specklegen.cli import commands, training
 from specklegen.cli.training import rendered_before
+from specklegen.datasets.store.info import info
 
 
 def test_it_speaks_at_once_and_ends_with_a_table(tmp_path):
@@ -52,3 +55,27 @@ def test_it_trains_on_samples_drawn_by_the_law(tmp_path):
     assert "| network |" in (tmp_path / "run" / "summary.md").read_text()
     refused = CliRunner().invoke(commands.app, common)
     assert "train --input must be periodogram with --law" in str(refused.exception)
+
+
+def test_a_second_run_reads_what_the_first_one_rendered(tmp_path, monkeypatch):
+    """The weights of a run without a cache; a store of another seed is refused by the field that differs."""
+    monkeypatch.setattr(training, "_methods", lambda *_: {})  # which take seconds
+    common = ["train", "through-slab", *CHANGES, "--width", "4", "--epochs", "1", "--batch-size", "16",
+              "--validation-samples", "4"]  # fmt: skip
+    cache = tmp_path / "cache.zarr"
+    for name, words in (("plain", ()), ("first", ("--cache", cache)), ("second", ("--cache", cache))):
+        before = contents(cache) if name == "second" else {}
+        found = CliRunner().invoke(commands.app, [*common, *map(str, words), "--out", str(tmp_path / name)])
+        assert found.exit_code == 0, found.output
+        assert before in ({}, contents(cache))
+        assert all(
+            torch.equal(a, b)
+            for a, b in zip(flat(checkpoint(tmp_path / "plain")["network"]),
+                            flat(checkpoint(tmp_path / name)["network"]), strict=True)
+        )  # fmt: skip
+    assert info(cache)["done"] == 24
+    refused = CliRunner().invoke(commands.app, [*common, "--seed", "1", "--cache", str(cache), "--out", str(tmp_path)])
+    assert "seed (0 there, 1 here)" in str(refused.exception)
+    words = ["--law", "--input", "periodogram", "--cache", str(cache), "--out", str(tmp_path / "law")]
+    refused = CliRunner().invoke(commands.app, [*common, *words])
+    assert "train --cache must be left out with --law" in str(refused.exception)
