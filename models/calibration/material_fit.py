@@ -1,18 +1,19 @@
 """Your material from your own measurements: :func:`fit_material`.
 
-Least squares in logarithms of thickness, optical depth, 1 - g and diffusion, and in -ln albedo, over everything that
-was observed at once. Where a valley is curved, pulls of a covariance claim too much: intervals are those of profiles,
-the values at which the least chi squared with that value held has risen by as much as at the truth of drawn data (Hall,
-*The Bootstrap and Edgeworth Expansion* (1992), chapter 1), at least by the quantile of chi squared of one degree.
+Of a slab, least squares in logarithms of thickness, optical depth, 1 - g and diffusion, and in -ln albedo, over all
+observations at once; of any model, in its own free numbers (:mod:`specklegen.models.calibration.model_fit`). Where a
+valley is curved, pulls of a covariance claim too much: intervals are those of profiles, the values at which the least
+chi squared with that value held has risen by as much as at the truth of drawn data (Hall, *The Bootstrap and Edgeworth
+Expansion* (1992), chapter 1), at least by the quantile of chi squared of one degree.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Unpack
 
 import numpy as np
 import tomli_w
@@ -21,6 +22,7 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from specklegen.core.arguments import choice, instance, positive_number, real_array, real_number, several
+from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.display.plot import Pictured, with_interval
 from specklegen.core.display.repr import summary
 from specklegen.core.errors import reject
@@ -29,6 +31,7 @@ from specklegen.core.shielded import shielded
 from specklegen.core.units import WAVELENGTH
 from specklegen.measured.observations import MemoryCurve, Observation, TemporalCurve
 from specklegen.models.calibration.least_squares import Held, Minimum, minimize, nothing_held
+from specklegen.models.calibration.model_fit import Model, Ranges, Surface, ranges_of, surface_of
 from specklegen.models.calibration.prediction import (
     DEPTH,
     DIFFUSION,
@@ -38,17 +41,16 @@ from specklegen.models.calibration.prediction import (
     covariance_of_tables,
     predict,
 )
-from specklegen.models.calibration.unknowns import COMBINATIONS, Unknowns, logarithm_of, unknowns_of, value_of
-from specklegen.scene.faces import Faces
-from specklegen.scene.media import Slab
+from specklegen.models.calibration.unknowns import Unknowns, unknowns_of
+from specklegen.scene.media import PlaneMedium, Slab
 from specklegen.scene.motion import Brownian
 from specklegen.scene.scatterers import HenyeyGreenstein
 
-LOBES = ("henyey-greenstein",)
 VAGUE = 0.5
 """Standard error of a logarithm above which a number is not determined."""
 _DOUBTFUL = 1e-3  # chance of a chi squared as large
 _STARTS = 6
+_PATHS = 20_000  # of every curve of a run
 _SCAN = 9  # values of a curve that are looked at
 _FAR = 0.2  # C_I at the first tilt below which tilts are beyond the memory effect
 _CLOSE = 0.01  # of the root of a rise of chi squared
@@ -113,6 +115,14 @@ class Problem:
         covariance = block_diag(*(covariance_of_tables(each) for each in self.observations))
         return np.linalg.inv(np.linalg.cholesky(covariance + np.diag(self.errors**2)))
 
+    def shown(self, at: np.ndarray) -> np.ndarray:
+        """Values that slabs would show, float64[B, M], at unknowns float64[B, n]."""
+        return predict(self.observations, self.wavelength, self.unknowns.slabs(at), ()).values
+
+    def media_of(self, at: np.ndarray) -> tuple[Slab, ...]:
+        """Return the slab at unknowns float64[n], once for each observation."""
+        return (slab_of(self.unknowns.slabs(at)),) * len(self.observations)
+
     def model(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (model less data), made independent, and their derivatives, at unknowns float64[B, n]."""
         prediction = predict(self.observations, self.wavelength, self.unknowns.slabs(at), self.unknowns.moved)
@@ -127,18 +137,19 @@ class MaterialFit(Pictured):
 
     Attributes
     ----------
-    slab : Slab
-        The one that fits best.
+    media : tuple of Slab or Layers
+        The medium of each observation that fits best.
     observations : tuple of Observation
         What it was fitted to.
     predicted : tuple of float64[M]
-        What of each the slab would show.
+        What of each its medium would show.
     residuals : tuple of float64[M]
         Measured less predicted, in standard errors of the data alone.
     free : tuple of str
         What was looked for.
     covariance : float64[n, n]
-        Of the logarithms of the free numbers (of g that of 1 - g, of the albedo -ln), where chi squared is a parabola.
+        Of the logarithms of a slab's free numbers (of g that of 1 - g, of the albedo -ln), where chi squared is a
+        parabola; of a model's, in units of their ranges.
     chi_squared : float
         Of the residuals, by the errors of the data and of the tables together.
     degrees : int
@@ -149,7 +160,7 @@ class MaterialFit(Pictured):
         What the data do not determine, and what they do instead; empty where all is determined.
     doubts : tuple of str
         What speaks against the model or the data.
-    problem : Problem
+    problem : Problem or Surface
         What was fitted, from which further fits and profiles start.
     spread : float64[n, n]
         Covariance of the problem's own unknowns at the best fit; of directions that the data leave open 1e12.
@@ -170,7 +181,7 @@ class MaterialFit(Pictured):
     (True, True)
     """
 
-    slab: Slab
+    media: tuple[PlaneMedium, ...]
     observations: tuple[Observation, ...]
     predicted: tuple[np.ndarray, ...]
     residuals: tuple[np.ndarray, ...]
@@ -181,21 +192,36 @@ class MaterialFit(Pictured):
     p_value: float
     degenerate: tuple[str, ...]
     doubts: tuple[str, ...]
-    problem: Problem = field(repr=False)
+    problem: Problem | Surface = field(repr=False)
     spread: np.ndarray = field(repr=False)
     at: np.ndarray = field(repr=False)
 
     def __repr__(self) -> str:
-        return summary(self, ("slab", "chi_squared", "degrees"))
+        return summary(self, ("values", "chi_squared", "degrees"))
+
+    @property
+    def slab(self) -> Slab:
+        """The slab that fits best."""
+        slab = self.media[0]
+        if isinstance(self.problem, Surface) or not isinstance(slab, Slab):
+            reject("MaterialFit.slab", "asked of a fit without a model", self, "Take media: one for each observation.")
+        return slab
 
     @property
     def values(self) -> dict[str, float]:
         """The free numbers and what follows from them, by name."""
-        x = self.problem.unknowns.slabs(self.at)
-        return {name: value_of(name, float(COMBINATIONS[name] @ x)) for name in self.problem.unknowns.names()}
+        unknowns = self.problem.unknowns
+        return {name: unknowns.value(name, float(unknowns.weights(name) @ self.at)) for name in unknowns.names()}
 
-    def interval(self, level: float = 0.95) -> dict[str, Interval]:
+    @property
+    def hopeless(self) -> bool:
+        """Whether ``p_value`` is below 0.001, so that intervals of the free numbers mean nothing."""
+        return self.p_value < _DOUBTFUL
+
+    def interval(self, level: float = 0.95, *, force: bool = False) -> dict[str, Interval]:
         """Profile intervals, by name as in ``values``.
+
+        A fit whose chi squared is ``hopeless`` has none: intervals assume that the model is right.
 
         They end where chi squared has risen by :attr:`rises`' quantile, or that of chi squared if it is larger. By the
         latter alone, of 220 setups whose curves are of paths, those of .68 held thickness, mean free path and g in .63,
@@ -206,7 +232,19 @@ class MaterialFit(Pictured):
         ----------
         level
             Between 0 and 1, both excluded.
+        force
+            Whether to compute them for a hopeless fit too.
+
+        Raises
+        ------
+        RuleError
+            For a hopeless fit without ``force``.
         """
+        if self.hopeless and not force:
+            reject("MaterialFit.interval", f"asked of a fit with p_value of at least {_DOUBTFUL:g}",
+                   f"{self.p_value:.1g}: chi squared {self.chi_squared:.4g} of {self.degrees}",
+                   "The model or the errors are wrong: see residuals, and fit another model. force=True computes the "
+                   "intervals all the same.")  # fmt: skip
         level = real_number("MaterialFit.interval level", level)
         if not 0 < level < 1:
             reject("MaterialFit.interval level", "between 0 and 1, both excluded", level)
@@ -250,11 +288,11 @@ class MaterialFit(Pictured):
         unknowns = self.problem.unknowns
         choice("MaterialFit.profile name", name, unknowns.names())
         values = np.atleast_1d(real_array("MaterialFit.profile values", values))
-        ends = (-1, 1) if name == "g" else (0, 1 + 1e-12) if name == "albedo" else (0, np.inf)
+        ends = unknowns.limits(name)
         if values.ndim != 1 or not ((values > ends[0]) & (values < ends[1])).all():
             reject("MaterialFit.profile values", f"numbers between {ends[0]:g} and {ends[1]:g}", values)
-        weights = np.broadcast_to(unknowns.weights(name), (len(values), len(self.at)))  # type: ignore[arg-type]
-        goals = np.array([logarithm_of(name, value) for value in values]) - COMBINATIONS[name] @ unknowns.base
+        weights = np.broadcast_to(unknowns.weights(name), (len(values), len(self.at)))
+        goals = np.array([unknowns.held(name, float(value)) for value in values])
         with shielded():
             return np.maximum(_held(self, weights, goals, np.repeat(self.at[None], len(values), 0)).cost
                               - self.chi_squared, 0.0)  # fmt: skip
@@ -268,12 +306,13 @@ class MaterialFit(Pictured):
             Of the recipe.
         """
         instance("MaterialFit.recipe name", name, str)
-        slab, scatterer = self.slab, self.slab.scatterer
+        slab, scatterer, problem = self.slab, self.slab.scatterer, self.problem
+        assert isinstance(problem, Problem)
         tilts = [each.at for each in self.observations if isinstance(each, MemoryCurve)]
         largest = float(tilts[0][-1]) if tilts else 0.0
         count = min(len(tilts[0]), 16) if tilts else 5
-        step = largest / max(count - 1, 1) or 0.1 * self.problem.wavelength / slab.thickness
-        bounds = self.interval(0.95)
+        step = largest / max(count - 1, 1) or 0.1 * problem.wavelength / slab.thickness
+        bounds = {} if self.hopeless else self.interval(0.95)
         comments = "".join(f"# {key}: {self.values[key]:.5g}, 95 %: {low:.5g} to {high:.5g}\n"
                            for key, (low, high) in bounds.items())  # fmt: skip
         doubts = "".join(f"# {each}\n" for each in (*self.degenerate, *self.doubts))
@@ -281,7 +320,7 @@ class MaterialFit(Pictured):
             "inherits": "tilt-stack", "name": name,
             "description": "Speckle of a material that was fitted to measurements, under tilts.",
             "material": {
-                "wavelength": self.problem.wavelength, "thickness": slab.thickness,
+                "wavelength": problem.wavelength, "thickness": slab.thickness,
                 "optical_depth": slab.optical_depth, "g": scatterer.mean_cosine(), "albedo": slab.albedo,
             },
             "window": {"width": 30 * (slab.thickness + slab.transport_length)},
@@ -291,7 +330,10 @@ class MaterialFit(Pictured):
         return heading + comments + doubts + tomli_w.dumps(table)
 
     def _facts(self) -> Mapping[str, object]:
-        return {name: with_interval(self.values[name], ends) for name, ends in self.interval(0.95).items()} | {
+        numbers: dict[str, object] = dict(self.values)
+        if not self.hopeless:
+            numbers = {name: with_interval(self.values[name], ends) for name, ends in self.interval(0.95).items()}
+        return numbers | {
             "χ²": f"{self.chi_squared:.4g} of {self.degrees} (p = {self.p_value:.2g})",
             "not determined": self.degenerate,
             "doubts": self.doubts,
@@ -313,61 +355,80 @@ class MaterialFit(Pictured):
 @with_units
 @shielded()
 def fit_material(
-    observations: Observation | Sequence[Observation], *, wavelength: Annotated[float, WAVELENGTH],
+    observations: Observation | Sequence[Observation], *,
+    wavelength: Annotated[float | Sequence[float], WAVELENGTH], model: Model | None = None,
     known: Annotated[Mapping[str, float], Like(Slab, Brownian)] | None = None,
-    free: Sequence[str] = ("thickness", "mean_free_path", "g"), faces: Faces | None = None,
-    lobe: str = "henyey-greenstein",
+    free: Sequence[str] | Mapping[str, tuple[float, float]] = ("thickness", "mean_free_path", "g"),
+    budget: Budget | None = None, **fields: Unpack[BudgetFields],
 ) -> MaterialFit:  # fmt: skip
-    """Fit a slab to what was measured of it.
+    """Fit a slab, or any layers, to what was measured of it.
+
+    Without a ``model``, a slab of Henyey-Greenstein scatterers and matched faces, from lookup tables. With one, any
+    layers: their curves are computed by Monte Carlo at numbers within the given ranges, and joined by polynomials.
 
     Parameters
     ----------
     observations
         Values of :mod:`specklegen.measured`: `MemoryCurve`, `Transmittance`, `TemporalCurve`, `BallisticFraction`,
-        `ContrastVersusBandwidth`.
+        and, without a model, `ContrastVersusBandwidth`.
     wavelength
-        Inside the medium, in the unit of length of all lengths.
+        Inside the medium, in the unit of length of all lengths; of layers in the index ``faces.inside``. One number, or
+        with a model one for each observation.
+    model
+        A function that takes the free numbers by name, and returns the `Slab` or `Layers` of all observations, or a
+        sequence of one for each (several thicknesses, separate numbers). Angles of tilts are those inside
+        ``faces.inside``.
     known
         Numbers that are known, by name: "thickness", "mean_free_path", "g", "albedo", "diffusion". Without it the
-        albedo is 1.
+        albedo is 1. With a model, none: write them into the function.
     free
-        Names of those to be found.
-    faces
-        Matched ones, which is the default: the tables know no step of the index.
-    lobe
-        "henyey-greenstein", the lobes that the tables are of.
+        Names of those to be found. With a model a table of any names and the ends of the range in which each is sought.
+    budget
+        With a model: paths of every curve of a run, 20 000 by default, seed and threads (:class:`specklegen.Budget`). A
+        fit of one, two or three numbers takes some 80, 110 or 150 runs. The runs' own scatter widens the intervals.
+    fields
+        Fields of the budget by name, such as ``paths=50_000, seed=1``.
+
+    Returns
+    -------
+    fit
+        Its ``interval`` is refused where chi squared is hopeless (p below 0.001), unless with ``force=True``.
 
     Raises
     ------
     RuleError
-        For fewer values than free numbers, numbers neither known nor free, known ones outside the tables, faces with a
-        step, and tilts at which no slab of the known thickness would be correlated.
+        For fewer values than free numbers, numbers neither known nor free, known ones outside the tables, and tilts at
+        which no slab of the known thickness would be correlated; what the model or its media raise.
 
     Examples
     --------
     >>> import specklegen as sg
     >>> from specklegen.measured import BallisticFraction, Transmittance
-    >>> fit = sg.fit_material([Transmittance(0.68, 0.01), BallisticFraction(4.5e-5, 2e-6)], wavelength=0.5,
-    ...                       known={"thickness": 1000.0}, free=("mean_free_path", "g"))
+    >>> data = [Transmittance(0.68, 0.01), BallisticFraction(4.5e-5, 2e-6)]
+    >>> fit = sg.fit_material(data, wavelength=0.5, known={"thickness": 1000.0}, free=("mean_free_path", "g"))
     >>> round(fit.slab.optical_depth, 1), fit.degrees
     (10.0, 0)
+    >>> def cell(g):
+    ...     return sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g),
+    ...                    faces=sg.Faces(inside=1.33))
+    >>> fit = sg.fit_material(Transmittance(0.5, 0.02), wavelength=0.5, model=cell, free={"g": (0.5, 0.98)}, paths=1000)
+    >>> fit.media[0].faces.inside, 0.7 < fit.values["g"] < 0.9
+    (1.33, True)
     """
     owner = "fit_material"
     seen = several(f"{owner} observations", observations, Observation)
     for each in seen:
         if each.planned:
             reject(f"{owner} observations", "measured", each, "Ask advise about what is planned.")
+    unused = ("rel_error", "seconds", "reverse", "tolerance")
+    budget = budget_of(owner, budget, fields, unused if model is not None else ("paths", "seed", "threads", *unused))
+    if model is not None:
+        return _fit_model(owner, seen, wavelength, model, known, free, budget)
     wavelength = positive_number(f"{owner} wavelength", wavelength)
-    choice(f"{owner} lobe", lobe, LOBES)
-    if faces is not None and not instance(f"{owner} faces", faces, Faces).matched:
-        reject(f"{owner} faces", "matched, as those of the tables", faces,
-               "A step at n = 1.33 looks like twice the optical depth: match it by an immersion liquid.")  # fmt: skip
     moving = any(isinstance(each, TemporalCurve) for each in seen)
-    unknowns = unknowns_of(owner, {} if known is None else known, free, moving)
+    unknowns = unknowns_of(owner, {} if known is None else known, free, moving)  # type: ignore[arg-type]
     problem = Problem(seen, wavelength, unknowns)
-    if len(problem.values) < len(unknowns.free):
-        reject(f"{owner} observations", f"at least {len(unknowns.free)} values, as many as there are free numbers",
-               len(problem.values), "Measure more, or name fewer in free.")  # fmt: skip
+    _require_values(owner, seen, unknowns.free)
     starts = _starts(problem)
     minimum = minimize(problem.model, starts, unknowns.low, unknowns.high, nothing_held(len(starts), starts.shape[1]))
     best = int(np.argmin(minimum.cost))
@@ -379,18 +440,58 @@ def fit_material(
     return fit
 
 
-def _fit_at(problem: Problem, at: np.ndarray, cost: float) -> MaterialFit:
-    covariance = covariance_of(problem.model(at[None])[1][0])
-    slab = slab_of(problem.unknowns.slabs(at))
+def _fit_model(
+    owner: str, seen: tuple[Observation, ...], wavelength: Any, model: Model, known: object, free: Any, budget: Budget
+) -> MaterialFit:  # fmt: skip
+    if not callable(model):
+        reject(f"{owner} model", "a function of the free numbers that returns a Slab or Layers", model)
+    if known is not None:
+        reject(f"{owner} known", "left out where a model is given", known, "Write known numbers into the function.")
+    ranges = ranges_of(owner, free)
+    _require_values(owner, seen, ranges.free)
+    given = wavelength if isinstance(wavelength, Sequence | np.ndarray) else [wavelength] * len(seen)
+    wavelengths = [positive_number(f"{owner} wavelength", each) for each in given]
+    if len(wavelengths) != len(seen):
+        reject(f"{owner} wavelength", f"one number, or one for each of {len(seen)} observations", wavelength)
+    budget = replace(budget, paths=_PATHS if budget.paths is None else budget.paths)
+    surface = surface_of(owner, seen, wavelengths, model, ranges, budget)
+    return _fit_at(surface, *surface.best())
+
+
+def _require_values(owner: str, seen: Sequence[Observation], free: Sequence[str]) -> None:
+    count = sum(len(each.values) for each in seen)
+    if count < len(free):
+        reject(f"{owner} observations", f"at least {len(free)} values, as many as there are free numbers", count,
+               "Measure more, or name fewer in free.")  # fmt: skip
+
+
+def _fit_at(problem: Problem | Surface, at: np.ndarray, cost: float) -> MaterialFit:
+    unknowns, covariance = problem.unknowns, covariance_of(problem.model(at[None])[1][0])
     ends = np.cumsum([len(each.values) for each in problem.observations])[:-1]
-    shown = predict(problem.observations, problem.wavelength, problem.unknowns.slabs(at[None]), ()).values[0]
+    shown = problem.shown(at[None])[0]
     predicted, residuals = (np.split(each, ends) for each in (shown, (problem.values - shown) / problem.errors))
     degrees = len(problem.values) - len(at)
     chance = float(chi2.sf(cost, degrees)) if degrees else 1.0
+    doubts, vague = (), ()
+    if degrees and chance < _DOUBTFUL:
+        what = "the model does not show" if isinstance(unknowns, Ranges) else (
+            "no slab of Henyey-Greenstein scatterers and matched faces shows")  # fmt: skip
+        doubts = (f"chi squared is {cost:.4g} of {degrees} (p = {chance:.1g}): {what} these data within their errors",)
+    if isinstance(unknowns, Ranges):
+        for name, u, error in zip(unknowns.free, at, np.sqrt(np.diag(covariance)), strict=True):
+            if min(u, 1 - u) < 1e-6:
+                doubts += (f"{name} lies at the end of its range: the truth may be beyond",)
+            if error > VAGUE:
+                vague += (f"{name} is not determined within its range by these data",)
+        media = problem.media_of(at)
+    else:
+        assert isinstance(problem, Problem)
+        media, vague = problem.media_of(at), degeneracies(unknowns, covariance)
+        doubts += _doubts(problem, at, media[0])
+    weights = np.array([unknowns.weights(name) for name in unknowns.free])
     return MaterialFit(
-        slab, problem.observations, tuple(predicted), tuple(residuals), problem.unknowns.free,
-        _of_names(problem.unknowns, covariance), cost, degrees, chance, degeneracies(problem.unknowns, covariance),
-        _doubts(problem, at, slab, cost, degrees, chance), problem, covariance, at,
+        media, problem.observations, tuple(predicted), tuple(residuals), unknowns.free,
+        weights @ covariance @ weights.T, cost, degrees, chance, vague, doubts, problem, covariance, at,
     )  # fmt: skip
 
 
@@ -398,11 +499,6 @@ def covariance_of(slope: np.ndarray) -> np.ndarray:
     """(J^T J)^-1 float64[n, n] of residuals' derivatives float64[M, n]; directions without data get 1e12."""
     values, vectors = np.linalg.eigh(slope.T @ slope)
     return (vectors / np.maximum(values, 1e-12)) @ vectors.T
-
-
-def _of_names(unknowns: Unknowns, covariance: np.ndarray) -> np.ndarray:
-    weights = np.array([unknowns.weights(name) for name in unknowns.free])
-    return weights @ covariance @ weights.T
 
 
 def degeneracies(unknowns: Unknowns, covariance: np.ndarray) -> tuple[str, ...]:
@@ -423,7 +519,7 @@ def standard_errors(unknowns: Unknowns, covariance: np.ndarray) -> dict[str, flo
     errors = {}
     for name in unknowns.names():
         weights = unknowns.weights(name)
-        errors[name] = float(np.sqrt(max(weights @ covariance @ weights, 0.0)))  # type: ignore[operator]
+        errors[name] = float(np.sqrt(max(weights @ covariance @ weights, 0.0)))
     return errors
 
 
@@ -437,15 +533,8 @@ def slab_of(x: np.ndarray) -> Slab:
     )  # fmt: skip
 
 
-def _doubts(
-    problem: Problem, at: np.ndarray, slab: Slab, cost: float, degrees: int, chance: float
-) -> tuple[str, ...]:  # fmt: skip
+def _doubts(problem: Problem, at: np.ndarray, slab: Slab) -> tuple[str, ...]:
     unknowns, doubts = problem.unknowns, []
-    if degrees and chance < _DOUBTFUL:
-        doubts.append(
-            f"chi squared is {cost:.4g} of {degrees} (p = {chance:.1g}): no slab of Henyey-Greenstein scatterers and "
-            "matched faces shows these data within their errors"
-        )
     for name, value, low, high in zip(unknowns.free, at, unknowns.low, unknowns.high, strict=True):
         if name != "albedo" and min(value - low, high - value) < 1e-6:
             doubts.append(f"{name} lies at the end of the tables: the truth may be beyond")
@@ -576,7 +665,7 @@ def _profile_intervals(fit: MaterialFit, rises: np.ndarray) -> dict[str, Interva
     """Where the profile of each combination has risen by ``rises``, sought on both sides of all at once."""
     unknowns, covariance = fit.problem.unknowns, fit.spread
     names = unknowns.names()
-    weights = np.repeat([unknowns.weights(name) for name in names], 2, axis=0)  # type: ignore[arg-type]
+    weights = np.repeat([unknowns.weights(name) for name in names], 2, axis=0)
     side = np.tile([-1.0, 1.0], len(names))
     middle = weights @ fit.at
     low, high = _reach(weights, unknowns)
@@ -618,15 +707,11 @@ def _profile_intervals(fit: MaterialFit, rises: np.ndarray) -> dict[str, Interva
                 crossing[b] = outer[b]
     crossing = np.where(np.isnan(crossing), np.where(np.isfinite(outer), outer, np.inf), crossing)
     ends = middle + side * np.minimum(crossing, most)
-    base = COMBINATIONS
-    result = {}
-    for n, name in enumerate(names):
-        known = float(base[name] @ unknowns.base)
-        result[name] = Interval(*sorted(value_of(name, known + float(ends[2 * n + i])) for i in (0, 1)))
-    return result
+    return {name: Interval(*sorted(unknowns.value(name, float(ends[2 * n + i])) for i in (0, 1)))
+            for n, name in enumerate(names)}  # fmt: skip
 
 
-def _reach(weights: np.ndarray, unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
+def _reach(weights: np.ndarray, unknowns: Unknowns | Ranges) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest values of combinations within the bounds."""
     one, other = weights * unknowns.low, weights * unknowns.high
     return np.minimum(one, other).sum(-1), np.maximum(one, other).sum(-1)

@@ -80,14 +80,25 @@ class Unknowns:
         """Columns of x that are not known."""
         return tuple(np.flatnonzero(self.matrix.any(axis=1)).tolist())
 
-    def weights(self, name: str) -> np.ndarray | None:
-        """Weights float64[n] of a combination of :data:`COMBINATIONS`; None where it is known."""
-        weights = COMBINATIONS[name] @ self.matrix
-        return weights if weights.any() else None
+    def weights(self, name: str) -> np.ndarray:
+        """Return the weights float64[n] of a combination of :data:`COMBINATIONS`; 0 where it is known."""
+        return COMBINATIONS[name] @ self.matrix
+
+    def value(self, name: str, held: float) -> float:
+        """Return the number of a combination whose free part, ``weights(name) @ u``, is given."""
+        return value_of(name, float(COMBINATIONS[name] @ self.base) + held)
+
+    def held(self, name: str, value: float) -> float:
+        """Return the free part of a combination that has a given value."""
+        return logarithm_of(name, value) - float(COMBINATIONS[name] @ self.base)
+
+    def limits(self, name: str) -> tuple[float, float]:
+        """Ends between which a number has to lie."""
+        return (-1.0, 1.0) if name == "g" else (0.0, 1 + 1e-12) if name == "albedo" else (0.0, math.inf)
 
     def names(self) -> list[str]:
         """Combinations that are not known: the free numbers first, what follows from them behind."""
-        others = [name for name in COMBINATIONS if name not in self.free and self.weights(name) is not None]
+        others = [name for name in COMBINATIONS if name not in self.free and self.weights(name).any()]
         return [*self.free, *others]
 
 

@@ -50,7 +50,8 @@ def fit_material(
     if out is not None:
         out.write_text(material.recipe(name), encoding="utf-8")
     show_fit(material, lambda: {
-        "values": material.values, "intervals": {"0.68": material.interval(0.68), "0.95": material.interval(0.95)},
+        "values": material.values,
+        "intervals": None if material.hopeless else {str(level): material.interval(level) for level in (0.68, 0.95)},
         "chi_squared": material.chi_squared, "degrees": material.degrees, "p_value": material.p_value,
         "degenerate": material.degenerate, "doubts": material.doubts,
     }, as_json, picture, out)  # fmt: skip

@@ -122,6 +122,10 @@ def test_what_no_slab_of_the_model_shows_is_told():
     found = [fitted(made, made.measured(np.random.default_rng(n)), FREE) for n in range(4)]
     assert all(each.p_value < 0.01 for each in found)
     assert "chi squared" in found[0].doubts[0]
+    hopeless = min(found, key=lambda each: each.p_value)
+    assert_refused(hopeless.interval, "MaterialFit.interval .*force=True")
+    assert hopeless._facts()["g"] == hopeless.values["g"]
+    assert "95 %" not in hopeless.recipe("wrong")
     assert not fit().doubts
 
 
@@ -173,7 +177,14 @@ CURVE = MemoryCurve([1e-4, 2e-4, 4e-4], [0.9, 0.7, 0.4], 0.01)
 @pytest.mark.parametrize(("changes", "rule"), [
     ({"observations": []}, "a sequence of them"), ({"observations": [MemoryCurve([1e-4], None, 0.01)]}, "measured"),
     ({"observations": [Transmittance(0.5, 0.1)]}, "at least 2 values"), ({"wavelength": 0.0}, "above 0"),
-    ({"lobe": "gaussian"}, "one of"), ({"faces": sg.Faces(inside=1.33)}, "matched"),
+    ({"paths": 1000}, "does not use it"), ({"model": 3}, "a function of the free numbers"),
+    ({"model": lambda g: None}, "left out where a model is given"),
+    ({"model": lambda g: None, "known": None}, "a table of names and ranges"),
+    ({"model": lambda g: None, "known": None, "free": {"g": (0.9, 0.5)}}, "that rises"),
+    ({"model": lambda g: None, "known": None, "free": {"g": 0.9}}, "the ends of its range"),
+    ({"model": lambda g: 3 * [None], "known": None, "free": {"g": (0.5, 0.9)}}, "one for each of 1"),
+    ({"model": lambda g: None, "known": None, "free": {"g": (0.5, 0.9)}, "wavelength": [0.5, 0.6]}, "for each of 1"),
+    ({"model": lambda g: None, "known": None, "free": {"g": (0.5, 0.9)}, "reverse": False}, "does not use it"),
     ({"known": {"depth": 1.0}}, "made of thickness"), ({"known": {}}, "in one of them"),
     ({"known": {"thickness": -1.0}}, "above 0"), ({"known": {"thickness": 1.0, "g": 0.5}}, "none of them twice"),
     ({"free": "g"}, "a sequence of names"), ({"free": ("mean_free_path", "g", "diffusion")}, "without diffusion"),
