@@ -253,7 +253,7 @@ class HiddenObject(Recipe):
         slabs, size = self.material.extremes(), pitch * max(self.objects.shape)
         texts = [text for slab in slabs for text in implausible(slab, self.wavelength, width, size)]
         for text in dict.fromkeys(texts):
-            warn_user(f"recipe {self.name}: {text}. Check the units of its lengths.")
+            warn_user(f"Check units: {text}.")
 
     @staticmethod
     def _opened(seen: Viewing, wider: float) -> Viewing:

@@ -4,13 +4,14 @@ Broken rules, files that cannot be read or written, and limits of the machine ar
 Any other error is a defect of specklegen and keeps its traceback.
 """
 
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import typer
 
-from specklegen.core.errors import RuleError, ToldError
+from specklegen.core.errors import DoubtWarning, RuleError, ToldError
 from specklegen.core.extras import install_line
 from specklegen.core.interrupts import TERMINATED, Terminated, terminable
 
@@ -51,7 +52,13 @@ def exit_status(stopped: KeyboardInterrupt | Terminated) -> int:
 
 @contextmanager
 def failures_told() -> Iterator[None]:
-    """Turn what stops a command into a line and an exit status."""
+    """Turn what stops a command into a line and an exit status, and doubts into lines."""
+    formatted = warnings.formatwarning
+
+    def in_a_line(message: Any, category: Any, *where: Any) -> str:
+        return f"warning: {message}\n" if issubclass(category, DoubtWarning) else formatted(message, category, *where)
+
+    warnings.formatwarning = in_a_line
     try:
         with terminable():
             yield
@@ -64,3 +71,5 @@ def failures_told() -> Iterator[None]:
             raise
         typer.echo(f"error: {message}", err=True)
         raise SystemExit(FAILED) from None
+    finally:
+        warnings.formatwarning = formatted

@@ -132,14 +132,15 @@ def _cost(recipe: "Recipe", samples: int | None) -> dict[str, Any]:
 def _in_short(plans: "list[Plan]") -> str:
     """The one plan in a few lines; of many, at the corners of a recipe's ranges, that of the largest error."""
     worst = max(plans, key=lambda each: each.expected_error)
-    lines = [worst.summary()]
+    lines = worst.summary().split("\n")
     if len(plans) > 1:
         errors = sorted(each.expected_error for each in plans)
         samplers = " or ".join(sorted({each.sampler for each in plans}))
         span = f"errors {errors[0]:.2g} to {errors[-1]:.2g}"
-        lines.insert(0, f"{len(plans)} corners of its ranges: {samplers}, {span}; the last is")
-        elsewhere = {f"Doubtful: {doubt}." for each in plans for doubt in each.doubts} - set(lines[1].split("\n"))
-        lines += sorted(elsewhere)
+        checks = dict.fromkeys(line for each in plans for line in each.checks)
+        corners = f"{len(plans)} corners of its ranges: {samplers}, {span}; the last is"
+        lines = [*checks, corners, *lines[len(worst.checks) :]]
+        lines += sorted({f"Doubtful: {doubt}." for each in plans for doubt in each.doubts} - set(lines))
     return "\n".join([*lines, "Why: --verbose."])
 
 

@@ -287,14 +287,16 @@ class Reading:
 
     def unmeasured(self) -> list[tuple[Place, str, Any]]:
         """Return the numbers that lack a unit: place, rule, and value."""
-        beside = [f'{dotted(place)} = "{text}" has' for place, text in self.texts.items()]
-        beside += [f"{dotted(place)} has" if place else "what it changes has"
-                   for place, each in self._marks if each.lengths or each.times]  # fmt: skip
-        mark, where = self.mark, f", as {beside[0]} one" if beside else ""
-        return [
-            (each.place, f"written with its unit, such as {each.dimension.example(each.value)}{where}", each.value)
-            for each in self.bare if (mark.lengths and each.length) or (mark.times and each.time)
-        ]  # fmt: skip
+        read = [(f'{dotted(place)} = "{text}"', quantity(text)) for place, text in self.texts.items()]
+        beside = [(name, bool(each.length), bool(each.time)) for name, each in read if each]
+        beside += [(dotted(place) or "what it changes", each.lengths, each.times) for place, each in self._marks]
+        lengths, times = ([each[0] for each in beside if each[power]] for power in (1, 2))
+        unmeasured = []
+        for each in self.bare:
+            if names := (lengths if each.length else []) or (times if each.time else []):
+                rule = f"written with its unit, such as {each.dimension.example(each.value)}, as {names[0]} has one"
+                unmeasured.append((each.place, rule, each.value))
+        return unmeasured
 
 
 def plain_numbers(
@@ -374,6 +376,18 @@ def marked(value: R, mark: Mark) -> R:
     return value
 
 
+def mark_tables(content: Any, made: Any, mark: Mark) -> None:
+    """Mark what was made of a table, and of tables in it; values that were given may be parts of others too."""
+    if isinstance(content, Mapping) and isinstance(made, BaseModel):
+        if nodes_of(type(made)):
+            marked(made, mark._replace(metres=(mark_of(made) or mark).metres))
+        for name, each in content.items():
+            mark_tables(each, getattr(made, name, None), mark)
+    elif isinstance(content, list | tuple) and isinstance(made, list | tuple):
+        for each, part in zip(content, made, strict=False):
+            mark_tables(each, part, mark)
+
+
 @contextmanager
 def trusting() -> Iterator[None]:
     """Context in which numbers without a unit may stand beside marked values: they come from such a value."""
@@ -414,13 +428,13 @@ def require_light(
             unit = _NAMES.get(metres, f"units of {metres:g} m")
             low, high = (float(f"{end / metres:.6g}") for end in NEAR_LIGHT)
             rule = f"from {low:g} to {high:g} beside a medium with a physical scale, which is in {unit}"
-            reject(f"{owner}{name}", rule, value, _remedy(value, metres), name)
+            reject(f"{owner}{name}", rule, value, unit_remedy(value, metres), name)
 
 
 _NAMES = {1e-9: "nanometres", 1e-6: "micrometres", 1e-3: "millimetres", 1.0: "metres"}
 
 
-def _remedy(wavelength: float, metres: float) -> str:
+def unit_remedy(wavelength: float, metres: float) -> str:
     """Say in which unit a wavelength may have been given, and how to write it."""
     for unit, name in _NAMES.items():
         if NEAR_LIGHT[0] <= wavelength * unit <= NEAR_LIGHT[1]:

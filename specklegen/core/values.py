@@ -23,6 +23,7 @@ from pydantic import (
     PlainSerializer,
     SerializationInfo,
     SerializerFunctionWrapHandler,
+    TypeAdapter,
     ValidationError,
     WithJsonSchema,
     model_serializer,
@@ -36,6 +37,7 @@ from specklegen.core.quantities import (
     dotted,
     holds_text,
     mark_of,
+    mark_tables,
     marked,
     nodes_for,
     nodes_of,
@@ -193,6 +195,14 @@ def _one_zero(value: Any, levels: int = 8) -> Any:
     return 0.0 if number and value == 0 else value
 
 
+def _part(kind: type[BaseModel], name: str, content: Any) -> Any:
+    """Return a field's value; None of a table that it cannot be made of."""
+    try:
+        return TypeAdapter(cast("Any", kind.model_fields[name].annotation)).validate_python(content)
+    except (TypeError, ValueError):
+        return None
+
+
 class Value(BaseModel, metaclass=Legible):
     """A frozen, validated, serialisable value; equal to another when their canonical JSON is equal.
 
@@ -216,12 +226,17 @@ class Value(BaseModel, metaclass=Legible):
             with np.errstate(**FLOAT_ERRORS):  # a value is the same in a program that hunts for errors of its own
                 super().__init__(**{name: _one_zero(value) for name, value in given.items()})
         except ValidationError as error:
+            parts = () if mark.lengths else [_part(type(self), name, given.get(name)) for name in parts_of(type(self))]
+            if scales := scales_in(parts):  # a wavelength in another unit breaks other rules
+                require_light(f"{owner}.", given, nodes, scales, made=self)
             raise with_texts(broken_rules(owner, error, type(self)), texts) from None
         if not mark.lengths and (scales := scales_in(map(self.__dict__.get, parts_of(type(self))))):
             require_light(f"{owner}.", given, nodes, scales, made=self)
             mark = mark._replace(metres=min(scales))
         if any(mark):
             marked(self, mark)
+        if mark.lengths or mark.times:
+            mark_tables(given, self, mark)
 
     def __dir__(self) -> list[str]:
         return sorted({*dir(type(self)), *type(self).model_fields})

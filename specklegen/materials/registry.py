@@ -7,9 +7,9 @@ import numpy as np
 
 from specklegen.core.arguments import choice, positive_number, real_number
 from specklegen.core.errors import reject, warn_user
-from specklegen.core.quantities import Like, Mark, Node, marked, with_units
+from specklegen.core.quantities import Like, Mark, Node, marked, unit_remedy, with_units
 from specklegen.core.random_streams import Seed, Stream, stream_key
-from specklegen.core.units import MICROMETRES, UNIT
+from specklegen.core.units import MICROMETRES, NEAR_LIGHT, UNIT
 from specklegen.materials.fog import FOG
 from specklegen.materials.ground_glass import GROUND_GLASS
 from specklegen.materials.intralipid import INTRALIPID
@@ -121,7 +121,8 @@ def known_wavelength(name: str, wavelength: float) -> float:
     """Return a vacuum wavelength at which a preset is known, micrometres."""
     low, high = about(name).wavelengths
     if not low <= real_number(f"materials.get({name!r}) wavelength", wavelength) <= high:
-        reject(f"materials.get({name!r}) wavelength", f"{low:g} to {high:g} micrometres, in vacuum", wavelength)
+        remedy = "" if NEAR_LIGHT[0] <= wavelength * 1e-6 <= NEAR_LIGHT[1] else unit_remedy(wavelength, 1e-6)
+        reject(f"materials.get({name!r}) wavelength", f"{low:g} to {high:g} micrometres, in vacuum", wavelength, remedy)
     return float(wavelength)
 
 

@@ -144,6 +144,11 @@ class Plan(Pictured):
             lines.append(f"Ballistic fraction: {ballistic_fraction(self.chosen.scene):.2g}.")
         return "\n".join(lines)
 
+    @property
+    def checks(self) -> list[str]:
+        """Implausible numbers of the scene, a line each."""
+        return [f"Check units: {each}." for each in implausible_in(self.scene)]
+
     def summary(self) -> str:
         """Tell the same in four lines: the scene, sampler and cost, parts that take part or not, and doubts if any.
 
@@ -154,7 +159,7 @@ class Plan(Pictured):
         without = [d.part for d in self.decisions if not d.needed and d.part not in ideal]
         parts = {"Takes part": used, "Left out": without, "Idealised": ideal}
         lines = [
-            *(f"Check units: {each}." for each in implausible_in(self.scene)),
+            *self.checks,
             self._about,
             f"Sampler: {self.sampler}, {self.paths} paths: expected error {self.expected_error:.2g}; "
             f"about {self.seconds:.2g} s for the first realization, {self._all}{self.memory_bytes / 2**20:.0f} MiB.",

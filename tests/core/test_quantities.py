@@ -28,110 +28,20 @@ from specklegen.wavetracing import (
 )
 
 UNITS = ("nm", "um", "mm", "m")
-SETUPS = 500
-LAB = ("wavelength", "object_distance", "object_extent", "aperture", "camera_distance", "pixel_pitch", "bandwidth")
 
 
+IN_UNITS = """
+wavelength = "500 nm"
+medium = {type = "Slab", thickness = "1 mm", mean_free_path = "0.1 mm", scatterer = {type = "Isotropic"}}
+illumination = {type = "CollimatedBeams", directions = [[0.0, 0.0, 1.0]], width = "5 mm"}
+sensor = {type = "FarFieldGrid", shape = [4, 4], pitch = 2e-5}
+"""
 SPHERES = """
 type = "Slab"
 thickness = "1 mm"
 mean_free_path = "0.1 mm"
 scatterer = {type = "Mie", radius = 0.7, wavelength = "500 nm", refractive_index = 1.2}
 """
-
-
-def drawn_lengths(rng: np.random.Generator) -> dict[str, float]:
-    """Lengths of a setup of four digits, metres."""
-    ranges = {
-        "wavelength": (0.4e-6, 0.8e-6), "thickness": (100e-6, 900e-6), "mean_free_path": (20e-6, 90e-6),
-        "width": (5e-3, 9e-3), "object_distance": (0.4, 0.6), "object_extent": (0.2e-3, 0.4e-3),
-        "aperture": (4e-3, 6e-3), "camera_distance": (0.15, 0.2), "pixel_pitch": (4e-6, 6e-6),
-        "bandwidth": (0.2e-9, 0.9e-9), "gap": (0.5e-3, 2e-3), "speed": (1e-6, 9e-6),
-    }  # fmt: skip
-    return {name: float(f"{rng.uniform(*ends):.4g}") for name, ends in ranges.items()}
-
-
-def texts(lengths: dict[str, float], rng: np.random.Generator) -> dict[str, str]:
-    """Write each length in a unit of its own."""
-    units = {name: str(rng.choice(UNITS)) for name in lengths}
-    return {name: f"{metres / METRES[units[name]]:.12g} {units[name]}" for name, metres in lengths.items()}
-
-
-def numbers(lengths: dict[str, float], unit: str) -> dict[str, float]:
-    """Write all lengths as bare numbers in one unit."""
-    return {name: float(f"{metres / METRES[unit]:.12g}") for name, metres in lengths.items()}
-
-
-def scene(size: dict, glass: bool) -> sg.Scene:
-    """A scene in Python, of lengths with units or bare ones."""
-    if glass:
-        screen = sg.PhaseScreen(correlation_length=size["mean_free_path"], rms_phase=1.0)
-        medium = sg.ScreenStack(screens=(screen, screen), gaps=(size["gap"],))
-    else:
-        velocity = size["speed"] + "/s" if isinstance(size["speed"], str) else size["speed"]
-        medium = sg.Slab(thickness=size["thickness"], mean_free_path=size["mean_free_path"],
-                         scatterer=sg.HenyeyGreenstein(0.9),
-                         motion=sg.Drift(velocity=[velocity, 0.0, 0.0]))  # fmt: skip
-    beams = sg.CollimatedBeams.tilts([0.0, 1e-5], width=size["width"])
-    return sg.Scene(wavelength=size["wavelength"], medium=medium, illumination=beams,
-                    sensor=sg.FarField.grid((4, 4), 2e-5))  # fmt: skip
-
-
-def changes(size: dict, glass: bool) -> dict:
-    """Tables of a recipe."""
-    lab = {name: size[name] for name in LAB} | {"pixels": [64, 64], "refractive_index": 1.4}
-    if not glass:
-        ends = [size["mean_free_path"], size["thickness"]]
-        return {"lab": lab, "material": {"thickness": {"uniform": ends}}}
-    screen = {"type": "PhaseScreen", "correlation_length": size["mean_free_path"], "rms_phase": 3.0}
-    lab = {name: each for name, each in lab.items() if name not in ("bandwidth", "refractive_index")}
-    return {"lab": lab, "material": {"screens": [screen, screen], "gaps": [size["gap"]]}}
-
-
-def recipe(size: dict, glass: bool) -> object:
-    return load_recipe("double-diffuser" if glass else "through-slab", changes(size, glass))
-
-
-@pytest.mark.parametrize(("make", "count"), [(scene, SETUPS - SETUPS // 5), (recipe, SETUPS // 5)])
-def test_one_setup_in_any_unit(make, count):
-    rng = np.random.default_rng(48)
-    for n in range(count):
-        lengths, glass = drawn_lengths(rng), bool(rng.integers(2))
-        bare = make(numbers(lengths, "um"), glass)
-        assert make(texts(lengths, rng), glass).fingerprint() == bare.fingerprint(), n
-        other = make(numbers(lengths, str(rng.choice(UNITS))), glass)
-        if make is scene and glass:
-            angles = [each.medium.rms_angle(each.wavelength) for each in (other, bare)]
-            assert angles[0] == pytest.approx(angles[1], rel=1e-9)
-        elif make is scene:  # the seed of its pilots: paths, and so pixels, are the same
-            assert other.unitless_fingerprint() == bare.unitless_fingerprint(), n
-        else:
-            assert other.geometry.grid.pitch == pytest.approx(bare.geometry.grid.pitch, rel=1e-9)
-
-
-@pytest.mark.parametrize(("make", "count"), [(scene, SETUPS - SETUPS // 5), (recipe, SETUPS // 5)])
-def test_one_bare_number_among_units_is_refused_by_its_field(make, count):
-    rng = np.random.default_rng(49)
-    for n in range(count):
-        lengths, glass = drawn_lengths(rng), bool(rng.integers(2))
-        size = texts(lengths, rng)
-        used = _used(make, glass)
-        name = str(rng.choice(used))
-        bare = size[name].split()[0]
-        with pytest.raises(RuleError, match="written with its unit, such as") as error:
-            make(size | {name: bare if n % 2 else float(bare)}, glass)
-        places = {"gap": ("gaps",), "mean_free_path": ("mean_free_path", "correlation_length", "uniform.0")}
-        places |= {"thickness": ("thickness",)}
-        assert any(place in str(error.value) for place in places.get(name, (name,)))
-
-
-def _used(make, glass: bool) -> list[str]:
-    """Names of the lengths that a setup has."""
-    if make is scene:
-        return ["wavelength", "width", "mean_free_path", "gap"] if glass else ["wavelength", "width", "thickness",
-                                                                              "mean_free_path"]  # fmt: skip
-    lab = [name for name in LAB if not glass or name != "bandwidth"]
-    return [*lab, "mean_free_path", "gap" if glass else "thickness"]
 
 
 @pytest.mark.parametrize(
@@ -150,6 +60,8 @@ def _used(make, glass: bool) -> list[str]:
         (lambda: sg.joint_correlation(slab(), wavelength="532 nm", tilts=[0.0], shifts=[1.0]),
          "joint_correlation shifts.0 must be written"),
         (lambda: sg.memory_effect(slab(), wavelength=0.532, tilts=[0.0]), "memory_effect wavelength"),
+        (lambda: sg.materials.get("milk", 532e-9), 'It looks like metres: write 0.532 or "532 nm"'),
+        (lambda: exponential_contrast_squared("5 ms", 0.005), 'as exposure = "5 ms" has one'),
         (lambda: sg.memory_effect(sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.Isotropic()),
                                   wavelength="532 nm", tilts=[0.0]), "memory_effect medium.thickness"),
         (lambda: slab().replace(thickness=700.0), "Slab.thickness"),
@@ -275,8 +187,9 @@ def test_presets_know_their_unit():
 
 def test_marks_decide_no_result():
     """A value with units equals that without, is pickled, and goes through every verb."""
-    size = texts(drawn_lengths(np.random.default_rng(1)), np.random.default_rng(2))
-    written = scene(size, glass=False)
+    medium = slab(motion=sg.Drift(velocity=["3 um/s", 0.0, 0.0]))
+    beams = sg.CollimatedBeams.tilts([0.0, 1e-5], width="7 mm")
+    written = sg.Scene(wavelength="0.6 um", medium=medium, illumination=beams, sensor=sg.FarField.grid((4, 4), 2e-5))
     plain = sg.Scene(**written.model_dump())
     assert written == plain
     assert mark_of(plain) is None
@@ -292,11 +205,18 @@ def test_marks_decide_no_result():
     }
     for name, verb in verbs.items():
         assert np.array_equal(verb(written), verb(plain)), name
-    curve = sg.memory_effect(still, wavelength=size["wavelength"], tilts=["0 deg", "1 mrad"], paths=2000)
+    curve = sg.memory_effect(still, wavelength="600 nm", tilts=["0 deg", "1 mrad"], paths=2000)
     bare = sg.Slab(**still.model_dump())
     assert np.array_equal(
         curve.intensity, sg.memory_effect(bare, wavelength=plain.wavelength, tilts=[0, 1e-3], paths=2000).intensity
     )
+
+
+def test_parts_of_a_table_with_units_have_units_too():
+    """They were taken for bare numbers: no part of a scene in TOML could be changed, or used with a wavelength."""
+    read = sg.Scene.from_toml(IN_UNITS)
+    assert read.replace(medium=read.medium.replace(albedo=0.5)).medium.albedo == 0.5
+    assert sg.memory_effect(read.medium, wavelength="500 nm", tilts=["0 deg"], paths=100).intensity == 1.0
 
 
 def test_dimensions_are_those_of_fields():

@@ -16,6 +16,7 @@ from specklegen.samplers.sampler import Request
 from specklegen.samplers.screens.correlation import profile, screen_correlation
 from specklegen.scene.scene import Scene
 from specklegen.scene.screens import ScreenStack
+from specklegen.scene.validity import implausible_in
 from specklegen.theory.phase_screens import Lobes, lobes, tilt_ways
 
 FACETS = 4.0
@@ -37,8 +38,9 @@ def screens_decision(scene: Scene, request: Request) -> tuple[bool, Decision]:
     worst = max(deviations, key=lambda what: deviations[what])
     right = deviations[worst] <= request.tolerance
     if not right and request.asked != part:
+        units = "".join(f"Check units: {each}. " for each in implausible_in(scene))
         reject("Scene", f"such that screens are drawn within {request.tolerance:g}", f"{worst} {deviations[worst]:.2g}",
-               f"{_REMEDIES[worst]} Or ask for sampler=\"screens\" all the same.")  # fmt: skip
+               f"{units}{_REMEDIES[worst]} Or ask for sampler=\"screens\" all the same.")  # fmt: skip
     return True, Decision(part, True, f"in closed form; {reason}", doubt=not right)
 
 
