@@ -11,4 +11,6 @@ if __name__ == "models":
         "`import specklegen.models`, or start Python in another folder to import another package of that name"
     )
 
-__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)
+_MOVED = {"reconstruct_and_assess": "specklegen.models.reconstruct"}
+
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__, _MOVED)

@@ -21,7 +21,7 @@ from .likelihood.third_order import turn_of as turn_of
 from .metrics import align as align
 from .metrics import bootstrap as bootstrap
 from .metrics import scores as scores
-from .recoverability.assessment import reconstruct_and_assess as reconstruct_and_assess
+from .recoverability.assessment import reconstruct as reconstruct
 from .recoverability.image_retrieval import ImageRetrieval as ImageRetrieval
 from .recoverability.image_retrieval import retrieve_image as retrieve_image
 from .recoverability.photograph import PhotographVerdict as PhotographVerdict

@@ -83,7 +83,7 @@ def write(path: str) -> None:
     import torch
 
     from specklegen.datasets import load_recipe, recipe_names
-    from specklegen.models import reconstruct_and_assess
+    from specklegen.models import reconstruct
 
     kept: dict[str, np.ndarray] = {}
     for name in recipe_names():
@@ -92,7 +92,7 @@ def write(path: str) -> None:
     setup = load_recipe("one-angular-size", {"material": {"thickness": 1000.0, "optical_depth": 10.0, "g": 0.9}})
     images = torch.from_numpy(setup.batch(0, "test", range(IMAGES))["image"])[:, None]
     for key, value in (("", images), (" scaled", images * (1 + 1e-7))):
-        each = reconstruct_and_assess(value, setup, fit=False).each
+        each = reconstruct(value, setup, fit=False).each
         kept |= {f"solver{key} deviance": np.array([x.deviance for x in each]),
                  f"solver{key} probability": np.array([x.probability for x in each], float),
                  f"solver{key} image": np.stack([x.image for x in each])}  # fmt: skip

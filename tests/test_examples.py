@@ -6,7 +6,7 @@ import inspect
 import pytest
 from public_names import NAMES, public
 
-LONG = ("benchmark", "load_pretrained", "load_solver", "reconstruct_and_assess", "train")
+LONG = ("benchmark", "load_pretrained", "load_solver", "reconstruct", "train")
 """These take seconds each."""
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 

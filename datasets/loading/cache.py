@@ -56,8 +56,7 @@ class SpeckleCache(Dataset, Pictured):
     Examples
     --------
     >>> import tempfile
-    >>> from specklegen.datasets import SpeckleCache, load_recipe
-    >>> from specklegen.datasets.store.generate import generate
+    >>> from specklegen.datasets import SpeckleCache, generate, load_recipe
     >>> recipe = load_recipe("through-slab", {"material": {"kernel_paths": 1000}})
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     said = generate(recipe, samples=4, folder=f"{folder}/a.zarr", processes=1)

@@ -23,6 +23,9 @@ from specklegen.datasets.sample_schema import named_file, require_finite
 from specklegen.datasets.split import Purpose, Split, generator, split_number, substream
 
 if TYPE_CHECKING:
+    import os
+
+    from specklegen.datasets import SpeckleCache, SpeckleStream
     from specklegen.datasets.recipes import generator as _generators
     from specklegen.datasets.recipes.generator import ReadyMedia
 else:
@@ -220,6 +223,39 @@ class Recipe(RecipeMedia):
         parameters = {name: float(value[0]) for name, value in batch.pop("parameters").items()}
         sample = {name: value[0] for name, value in batch.items()} | {"parameters": parameters}
         return sample | named_file(self.file_names, parameters)
+
+    def stream(self, seed: int = 0, split: Split = "train", batch_size: int = 32, **options: Any) -> "SpeckleStream":
+        """Return batches of fresh samples, as a torch ``IterableDataset``.
+
+        Parameters
+        ----------
+        seed, split, batch_size, **options
+            As of :class:`~specklegen.datasets.SpeckleStream`, such as ``cache="data/cache.zarr"``.
+        """
+        from specklegen.datasets import SpeckleStream
+
+        return SpeckleStream(self, seed, split, batch_size, **options)
+
+    def store(
+        self, folder: "str | os.PathLike", samples: int | None = None, seed: int = 0, split: Split = "train",
+        **options: Any,
+    ) -> "SpeckleCache":  # fmt: skip
+        """Fill the store at ``folder`` with samples, where they are missing, and open it.
+
+        Parameters
+        ----------
+        folder
+            Of the store, by custom ending in ``.zarr``, or its address.
+        samples
+            Number of samples; by default an epoch of the split.
+        seed, split, **options
+            As of :func:`~specklegen.datasets.generate`, such as ``processes=4``.
+        """
+        from specklegen.datasets import SpeckleCache, generate
+
+        count = self.length(split) if samples is None else samples
+        generate(self, seed, split, samples=count, folder=folder, **options)
+        return SpeckleCache(folder)
 
     @shielded()
     def batch(self, seed: int, split: str, indices: Sequence[int]) -> dict[str, Any]:

@@ -87,6 +87,15 @@ def generate(
     GenerationError
         If samples could not be rendered: the (seed, index) of the first of each shard; the rest is done. If the disk
         is full: at once.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from specklegen.datasets import generate, load_recipe
+    >>> recipe = load_recipe("through-slab", {"material": {"kernel_paths": 1000}})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     generate(recipe, samples=4, folder=f"{folder}/a.zarr", processes=1)["done"]
+    4
     """
     if not isinstance(recipe, Renderable):
         reject("generate.recipe", "a recipe", recipe, "Read one with load_recipe.")

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 from matplotlib import pyplot as plt
-from specklegen.datasets import load_recipe
+from specklegen.datasets import generate, load_recipe
 from specklegen.datasets.loading.export import export
-from specklegen.datasets.store.generate import generate
 
 folder = Path(tempfile.mkdtemp())
 recipe = load_recipe("through-slab", {"camera": {"shape": [96, 96]}, "exposure": {"photons": 300.0}})

@@ -17,7 +17,7 @@ from matplotlib import pyplot as plt
 from specklegen.core.display.plot import draw_images
 from specklegen.datasets import load_recipe
 from specklegen.measured import read_measurement
-from specklegen.models import reconstruct_and_assess, recoverable
+from specklegen.models import reconstruct, recoverable
 
 folder = Path(tempfile.mkdtemp())
 (folder / "setup.toml").write_text("""
@@ -55,7 +55,7 @@ print(measured.explain())
 # %%
 # What is hidden, up to a shift and a turn by 180 degrees, with the probability that it is right, told without the
 # object; and other pictures that explain the frame, with their weights.
-(found,) = reconstruct_and_assess(measured, setup, draws=4).each
+(found,) = reconstruct(measured, setup, draws=4).each
 print("no probability" if found.probability is None else f"probability {found.probability:.2f}")
 figure, (left, middle, right) = plt.subplots(1, 3, figsize=(9, 2.4), layout="constrained", width_ratios=(1, 2, 4))
 left.imshow(measured.images[0], cmap="gray")

@@ -170,7 +170,7 @@ class SetupFit(Pictured):
     def memory_effect(self, distance: np.ndarray) -> np.ndarray:
         """C_I at distances on the camera, pixels, as it was fitted to a target; 1 without one.
 
-        What ``reconstruct_and_assess(memory_effect=)`` takes, where object pixels are camera pixels.
+        What ``reconstruct(memory_effect=)`` takes, where object pixels are camera pixels.
         """
         apart = np.abs(np.asarray(distance, np.float64))
         if self.ranges is None or self.range is None or not np.isfinite(self.range):

@@ -212,7 +212,7 @@ class Findings(Pictured):
 
 
 @shielded()
-def reconstruct_and_assess(
+def reconstruct(
     images: Tensor | Measurement, setup: HiddenObject, *, frames: bool = False,
     memory_effect: MeasuredCurve | None = None, fit: bool | None = None, solver: Solver | None = None,
     draws: int = 0, seed: Seed = 0,
@@ -252,28 +252,28 @@ def reconstruct_and_assess(
     --------
     >>> import torch
     >>> from specklegen.datasets import load_recipe
-    >>> from specklegen.models import reconstruct_and_assess
+    >>> from specklegen.models import reconstruct
     >>> setup = load_recipe("through-slab", {"material": {"kernel_paths": 1000}})
     >>> images = torch.from_numpy(setup.batch(0, "test", range(1))["image"])[:, None]
-    >>> found = reconstruct_and_assess(images, setup)
+    >>> found = reconstruct(images, setup)
     >>> found.each[0].image.shape
     (36, 36)
     """
-    flag("reconstruct_and_assess frames", frames)
+    flag("reconstruct frames", frames)
     if draws != 0:
-        whole_number("reconstruct_and_assess draws", draws, 2, 64)
+        whole_number("reconstruct draws", draws, 2, 64)
     if isinstance(images, Measurement):
         stack = torch.from_numpy(images.images)
         images = stack[None] if frames else stack[:, None]
     elif frames:
-        reject("reconstruct_and_assess frames", "False of a tensor, whose second axis numbers frames", frames)
-    images = host_tensor("reconstruct_and_assess images", images)
+        reject("reconstruct frames", "False of a tensor, whose second axis numbers frames", frames)
+    images = host_tensor("reconstruct images", images)
     if images.ndim != 4 or not images.numel():
-        reject("reconstruct_and_assess images", "of shape [objects, frames, rows, columns]", tuple(images.shape))
+        reject("reconstruct images", "of shape [objects, frames, rows, columns]", tuple(images.shape))
     setup.warn_of_implausible()
     own = setup_of(setup)
     if memory_effect is not None:
-        own = _with_curve(own, instance("reconstruct_and_assess memory_effect", memory_effect, MeasuredCurve))
+        own = _with_curve(own, instance("reconstruct memory_effect", memory_effect, MeasuredCurve))
     solver = solver or load_solver()
     grain = torch.full((len(images),), float(own.optics.grain))
     disc = "disc" if own.optics.profile == "disc" else None  # whose corners hold noise alone; of others the images tell

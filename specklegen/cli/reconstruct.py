@@ -52,7 +52,7 @@ def reconstruct(
     import torch
 
     from specklegen.measured import read_curve
-    from specklegen.models.recoverability.assessment import reconstruct_and_assess
+    from specklegen.models.recoverability.assessment import reconstruct
 
     recipe = load_hidden(setup, changes)
     read = reading.reader()
@@ -79,7 +79,7 @@ def reconstruct(
     notes.extend(_doubted_grains(stack, _named(pages), recipe))
     curve = None if memory_effect is None else read_curve(memory_effect)
     given = stack[None] if frames else stack[:, None]
-    found = reconstruct_and_assess(given, recipe, memory_effect=curve, fit=fit, draws=draws, seed=seed)
+    found = reconstruct(given, recipe, memory_effect=curve, fit=fit, draws=draws, seed=seed)
     names = [out.name] if frames else _named(pages)
     table = _table(found, names, notes, verdicts)
     _write(found, names, table, out)

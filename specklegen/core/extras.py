@@ -4,8 +4,11 @@
 extra, PyTorch too: whoever meets the border is told its name.
 """
 
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
+from types import MappingProxyType
 from typing import Any
 
 import lazy_loader
@@ -43,12 +46,21 @@ def extras_named() -> Iterator[None]:
         raise ModuleNotFoundError(advice, name=error.name) from error
 
 
-def lazy_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package, from the names in its ``__init__.pyi``."""
+def lazy_names(
+    package: str, file: str, moved: Mapping[str, str] = MappingProxyType({})
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package, from the names in its ``__init__.pyi``.
+
+    Names that ``moved`` to another place, "package.name", are found with a ``DeprecationWarning`` that says it.
+    """
     load, names, public = lazy_loader.attach_stub(package, file)
 
     def __getattr__(name: str) -> Any:
         with extras_named():
-            return load(name)
+            if name not in moved:
+                return load(name)
+            warnings.warn(f"{package}.{name} is now {moved[name]}", DeprecationWarning, stacklevel=2)
+            place, _, new = moved[name].rpartition(".")
+            return getattr(import_module(place), new)
 
     return __getattr__, names, public

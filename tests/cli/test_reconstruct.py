@@ -139,7 +139,7 @@ def test_a_laboratory_s_files_are_read_whole(setup, tmp_path, monkeypatch):
     for n in range(2):
         tifffile.imwrite(setup / f"dark_{n}.tif", rng.normal(100, 0.5, (128, 132)).round().astype(np.uint16))
     given = []
-    monkeypatch.setattr("specklegen.models.recoverability.assessment.reconstruct_and_assess", lambda stack, *a,
+    monkeypatch.setattr("specklegen.models.recoverability.assessment.reconstruct", lambda stack, *a,
                         **k: given.append(stack))  # fmt: skip
     words = ("reconstruct", setup / "lab.tif", "--setup", setup / "setup.toml", "--out", tmp_path)
     region = "--region=0,4,128,128"

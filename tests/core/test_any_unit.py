@@ -292,7 +292,9 @@ def test_samples_do_not_know_the_unit(tmp_path):
         np.testing.assert_array_equal(*images, err_msg=kind.__name__)
         if kind not in SCALED:
             other = image(in_python(mapped(table, numbers("mm"))))
-            np.testing.assert_allclose(other, images[0], rtol=0, atol=1e-6 * images[0].max(), err_msg=kind.__name__)
+            # In layers a last bit of a sine may send one path of a kernel another way.
+            error = (1e-4 if kind is preset_layers else 1e-6) * images[0].max()
+            np.testing.assert_allclose(other, images[0], rtol=0, atol=error, err_msg=kind.__name__)
 
 
 def image(made: Any) -> np.ndarray:

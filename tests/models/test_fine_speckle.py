@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from specklegen.datasets import load_recipe
-from specklegen.models import reconstruct_and_assess
+from specklegen.models import reconstruct
 from specklegen.models.judging.baselines import katz
 from specklegen.models.judging.evaluation import on_frame
 from specklegen.models.metrics import align, pearson
@@ -45,7 +45,7 @@ def hidden(setup, count):
 
 @pytest.mark.parametrize("grain", [1.6, 1.8, 2.0])
 def test_noise_behind_a_disc_is_read_off_the_image(grain):
-    """Also by reconstruct_and_assess, which forgot the window's profile and refused two pixels a grain."""
+    """Also by reconstruct, which forgot the window's profile and refused two pixels a grain."""
     setup = setup_of(grain, 256)
     images = frames(hidden(setup, 4), grain, 256, seed=3)
     noise = ELECTRONS * camera_noise(images, grain, "unknown", "disc")
@@ -55,7 +55,7 @@ def test_noise_behind_a_disc_is_read_off_the_image(grain):
 
 def test_a_setup_of_fine_speckle_is_assessed():
     setup = setup_of(1.6, 128)
-    found = reconstruct_and_assess(frames(hidden(setup, 1), 1.6, 128, seed=4)[:, None], setup)
+    found = reconstruct(frames(hidden(setup, 1), 1.6, 128, seed=4)[:, None], setup)
     assert found.each[0].speckle.passes
 
 
@@ -70,6 +70,6 @@ def test_objects_are_found_behind_fine_speckle(grain):
     truth = on_frame(objects, dark=False)
     numbers = {name: torch.as_tensor(np.asarray(each)) for name, each in batch["parameters"].items()}
     phase = katz(camera=setup.exposure, profile="disc")({"image": images, "object": objects, "parameters": numbers})
-    solved = reconstruct_and_assess(images[:, None], setup)
+    solved = reconstruct(images[:, None], setup)
     for made, least in ((phase, 0.8), (torch.from_numpy(np.stack([each.image for each in solved.each])), 0.85)):
         assert pearson(align(on_frame(made), truth), truth).median() > least

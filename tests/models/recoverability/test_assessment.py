@@ -11,7 +11,7 @@ from specklegen.models.learning.solver import load_solver
 from specklegen.models.likelihood.likelihood import SpeckleLikelihood
 from specklegen.models.likelihood.periodogram import periodogram
 from specklegen.models.metrics import alignment
-from specklegen.models.recoverability.assessment import reconstruct_and_assess, setup_of
+from specklegen.models.recoverability.assessment import reconstruct, setup_of
 from specklegen.models.retrieval.autocorrelation import envelope
 
 SLAB = {"material": {"thickness": 1000.0, "optical_depth": 10.0, "g": 0.9}}
@@ -47,7 +47,7 @@ def excesses(recipe, frames):
     seen = periodogram(frames)
     count, looks = SpeckleLikelihood(seen, (36, 36), setup_of(recipe).optics).frequencies[0], torch.tensor(seen.looks)
     spread = float(((torch.polygamma(1, looks) - 1 / looks) / count).sqrt())
-    each = reconstruct_and_assess(frames, recipe, fit=False).each
+    each = reconstruct(frames, recipe, fit=False).each
     return each, np.array([(one.deviance - one.expected) / spread for one in each])
 
 
@@ -80,7 +80,7 @@ def test_an_image_that_is_turned_shows_the_object_turned():
     recipe = load_recipe("one-angular-size", SLAB | within)
     batch = recipe.batch(4, "test", range(4))
     images = torch.from_numpy(batch["image"]).double()[:, None]
-    pairs = [reconstruct_and_assess(each, recipe).each for each in (images, images.flip((-2, -1)))]
+    pairs = [reconstruct(each, recipe).each for each in (images, images.flip((-2, -1)))]
     objects = torch.nn.functional.pad(torch.from_numpy(batch["object"]).float(), (4, 4, 4, 4))
     told = 0
     for both, placed in zip(pairs, (objects, objects.flip((-2, -1))), strict=True):
@@ -98,10 +98,10 @@ def test_no_probability_where_it_is_not_calibrated():
     images = torch.from_numpy(recipe.batch(4, "test", range(2))["image"])[:, None]
     certificate = solver.third
     assert certificate is not None
-    assert all(one.probability is not None for one in reconstruct_and_assess(images, recipe, solver=solver).each)
+    assert all(one.probability is not None for one in reconstruct(images, recipe, solver=solver).each)
     last = len(certificate.low) - 1
     solver.third = certificate._replace(low=(*certificate.low[:last], 50.0), high=(*certificate.high[:last], 60.0))
-    for one in reconstruct_and_assess(images, recipe, solver=solver).each:
+    for one in reconstruct(images, recipe, solver=solver).each:
         assert one.probability is None
         assert one.turn is None
         assert one.reasons[0].name == "No confidence"
@@ -112,14 +112,14 @@ def test_no_probability_where_it_is_not_calibrated():
 
 def test_shapes_are_checked():
     with pytest.raises(RuleError, match="of shape"):
-        reconstruct_and_assess(torch.ones(64, 64), load_recipe("one-angular-size", SLAB))
+        reconstruct(torch.ones(64, 64), load_recipe("one-angular-size", SLAB))
 
 
 def test_no_probability_under_a_taper():
     """A slope of the light, for which the confidence is not calibrated: silent, and the reason says why."""
     recipe = load_recipe("one-angular-size", SLAB)
     images = torch.from_numpy(recipe.batch(4, "test", range(1))["image"])[:, None]
-    (found,) = reconstruct_and_assess(images * torch.linspace(0.7, 1.3, images.shape[-1]), recipe).each
+    (found,) = reconstruct(images * torch.linspace(0.7, 1.3, images.shape[-1]), recipe).each
     assert found.probability is None
     assert found.reasons[0].name == "No confidence"
     assert found.reasons[0].numbers.startswith("the light falls off")

@@ -8,7 +8,7 @@ from zscore import assert_z, limit, refute_z
 
 from specklegen.datasets import load_recipe
 from specklegen.datasets.objects.photographs import Photographs
-from specklegen.models.recoverability.assessment import reconstruct_and_assess
+from specklegen.models.recoverability.assessment import reconstruct
 from specklegen.models.recoverability.speckle_test import REFUSED, Measured, SpeckleTest, smoothed_moments, without
 
 GRAIN = 3.0
@@ -108,7 +108,7 @@ def judged():
         *(10 + 200 * pictures.image(0, "train", n) for n in range(4)),
         50.0 + 100 * ((x // 12 + y // 12) % 2), 50 + x + 0.3 * y,
     ]  # fmt: skip
-    found = reconstruct_and_assess(torch.from_numpy(np.stack([*true, *none]).astype(np.float32))[:, None], recipe)
+    found = reconstruct(torch.from_numpy(np.stack([*true, *none]).astype(np.float32))[:, None], recipe)
     return found.each[:8], found.each[8:]
 
 
