@@ -9,7 +9,9 @@ the reach of the tilts, and so does the cost of *each*. Here g_t is white within
 the middle one, c, look at so few of its moments that three or four say all (p and c are singular vectors of
 e^(-ik(v - c) . s)), and the moments of different tilts have the covariance above, in closed form and the same in all
 cells. Of evenly spaced tilts it depends on t - t' alone, and is drawn by Fourier transforms: circulant embedding
-[Dietrich and Newsam, SIAM J. Sci. Comput. 18, 1088 (1997)], of blocks Q x Q. Other tilts share small cells.
+[Dietrich and Newsam, SIAM J. Sci. Comput. 18, 1088 (1997)], of blocks Q x Q. Tilts at even angles are a little off even
+places: of d sines, which turns the phase within a cell by e^(ikd s). The moments after that turn are mixtures of the
+moments before it. Other tilts share small cells.
 """
 
 from __future__ import annotations
@@ -43,7 +45,8 @@ _FAINT = 1e-4  # pivots of moments, of the largest
 _UNSEEN = 1e-6  # singular values of the transforms to views, of the largest
 _EMBEDDED = 2e-4  # largest error of a correlation by circulant embedding
 _LONGER = (1.1, 1.3, 1.6, 2, 4, 8)  # lengths of the circle, in those of the tilts
-_UNEVEN = 3e-4  # largest error of a correlation by K and what is seen within cells of even tilts; other phases are own
+_UNEVEN = 3e-4  # largest error of a correlation because K is that of even tilts; phases are those of the tilts
+_TURNED = 3e-4  # largest turn of the phase within a cell for which moments are not mixed
 _FEW = 8  # tilts that are never worth it
 _PAYS = 0.7  # of the operations with small cells
 _TOGETHER = 2**16  # moments of tilts that are transformed at a time
@@ -106,6 +109,10 @@ class _Within:
         turned = np.exp(1j * np.multiply.outer(wavenumbers, self.nodes))
         return np.einsum("qs,ns,ps->nqp", self.basis, turned, self.basis.conj(), optimize=True)
 
+    def mixtures(self, wavenumbers: np.ndarray) -> np.ndarray:
+        """Return c_q e^(iks) as sums over c_q', complex128[n, Q, Q] at k float64[n]."""
+        return self.overlaps(wavenumbers) / np.square(np.abs(self.basis)).sum(1)
+
     def views(self, wavenumber: float, pitch: float) -> np.ndarray:
         """Transform complex128[V, Q * count] from moments of cells to views, phases those of the first view."""
         views = len(self.seen)
@@ -133,6 +140,8 @@ class ManyTilts:
         Transforms from moments of cells to views, as two: to what n and m numbers tell, and to all views.
     face : complex[H, W] or None
         As of a stack sampler.
+    mixtures : complex[T, Q, Q] or None
+        Moments of each tilt from those of the even place beside it; None where they are as good as equal.
     """
 
     x: Axis
@@ -144,6 +153,7 @@ class ManyTilts:
     rows: tuple[torch.Tensor, torch.Tensor]
     columns: tuple[torch.Tensor, torch.Tensor]
     face: torch.Tensor | None
+    mixtures: torch.Tensor | None
 
     def sample(self, seed: Seed, realization: int = 0) -> torch.Tensor:
         """One stack, complex[T, H, W]; a pure function of (seed, realization)."""
@@ -161,9 +171,13 @@ class ManyTilts:
     def _noise(self, seed: Seed, realization: int) -> torch.Tensor:
         """Moments complex[T, Qy, Qx, y.count, x.count]."""
         shape = (self.root.rank, self.y.count * self.x.count)
-        white = complex_normals(seed, realization, shape, self.window.dtype, self.window.device)
-        drawn = self.root.moments(white)
+        drawn = self._moments(complex_normals(seed, realization, shape, self.window.dtype, self.window.device))
         return drawn.reshape(len(drawn), *self.moments, self.y.count, self.x.count)
+
+    def _moments(self, white: torch.Tensor) -> torch.Tensor:
+        """Moments complex[T, Q, cells] of noise complex[rank, cells]."""
+        drawn = self.root.moments(white)
+        return drawn if self.mixtures is None else torch.bmm(self.mixtures, drawn)
 
     def _fields(self, noise: torch.Tensor, tilts: slice) -> torch.Tensor:
         chosen = range(len(noise))[tilts]
@@ -201,8 +215,8 @@ def many_tilts(scene: Scene, correlation: Any, *, dtype: torch.dtype | None = No
     if len(sines) < _FEW or not getattr(correlation, "isotropic", False):
         return None
     shared, (x, y) = stack_axes(scene), _within(scene)
-    step = _step(sines, correlation, k, x, y)
-    if step is None:
+    step, off = _even_steps(sines)
+    if not _is_even(step, off, correlation, k):
         return None
     least = _operations(x, y, grid.shape, len(sines), len(sines), len(sines))
     most = _PAYS * _shared_operations(*shared, grid.shape, len(sines))
@@ -216,12 +230,15 @@ def many_tilts(scene: Scene, correlation: Any, *, dtype: torch.dtype | None = No
     tensor = lambda a: torch.as_tensor(np.ascontiguousarray(a)).to(dtype)  # noqa: E731
     turned = face_phase(scene.thickness if grid.side == "transmission" else 0.0, k, grid)
     shifts = k * (sines - first)
+    most_turned = k * sum(np.ptp(off, axis=0) * [np.abs(axis.nodes).max() for axis in (x, y)])
+    mixtures = _kron(y.mixtures(k * off[:, 1]), x.mixtures(k * off[:, 0])) if most_turned > _TURNED else None
     return ManyTilts(
         x.axis, y.axis, root, (len(y.basis), len(x.basis)),
         tensor(scale * sampled_amplitude(x.axis, y.axis, beams.window)),
         (tensor(np.exp(1j * shifts[:, 1:] * y.axis.positions)), tensor(np.exp(1j * shifts[:, :1] * x.axis.positions))),
         _parts(y.views(k, grid.pitch), tensor), _parts(x.views(k, grid.pitch), tensor),
         None if np.abs(turned).max() < SMALL_PHASE else tensor(np.exp(1j * turned)),
+        None if mixtures is None else tensor(mixtures),
     )  # fmt: skip
 
 
@@ -269,27 +286,33 @@ def _within(scene: Scene) -> tuple[_Within, _Within]:
     return axes[0], axes[1]
 
 
-def _step(sines: np.ndarray, correlation: Any, wavenumber: float, x: _Within, y: _Within) -> np.ndarray | None:
-    """Step float64[2] of the even tilts that tilts are like, as those of even angles are; None where they are not."""
+def _even_steps(sines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the step float64[2] of even places nearest to the tilts, and how far off each tilt is, float64[T, 2]."""
     number = np.arange(len(sines)) - (len(sines) - 1) / 2
     step = number @ sines / np.square(number).sum()
-    off = sines - sines.mean(0) - number[:, None] * step
-    apart = np.ptp(off, axis=0)  # the most that two tilts are off each other's place
-    if not np.hypot(*step) > 0:
-        return None
-    turned = sum(a * np.abs(axis.nodes).max() for a, axis in zip(apart, (x, y), strict=True))
-    if wavenumber * turned > _UNEVEN:
-        return None
-    q, more = np.arange(len(sines)) * np.hypot(*step), np.hypot(*apart)
-    near, at, far = (correlation(wavenumber * each) for each in (np.abs(q - more), q, q + more))
-    return step if max(np.abs(near - at).max(), np.abs(far - at).max()) + wavenumber * turned <= _UNEVEN else None
+    return step, sines - sines.mean(0) - number[:, None] * step
+
+
+def _is_even(step: np.ndarray, off: np.ndarray, correlation: Any, wavenumber: float) -> bool:
+    """Return whether K between any two tilts is that between their even places."""
+    length = float(np.hypot(*step))
+    if not length > 0:
+        return False
+    between = length * np.arange(len(off))
+    apart = np.array([np.hypot(*(off[lag:] - off[: len(off) - lag]).T).max() for lag in range(len(off))])
+    near, at, far = (correlation(wavenumber * each) for each in (np.abs(between - apart), between, between + apart))
+    return bool(max(np.abs(near - at).max(), np.abs(far - at).max()) <= _UNEVEN)
+
+
+def _kron(y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Products complex128[n, Qy Qx, Qy Qx] of matrices of moments along y and along x."""
+    moments = y.shape[1] * x.shape[1]
+    return np.einsum("nab,ncd->nacbd", y, x).reshape(-1, moments, moments)
 
 
 def _blocks(between: np.ndarray, apart: np.ndarray, x: _Within, y: _Within) -> np.ndarray:
     """Covariance complex128[n, Q, Q] of moments of tilts ``apart`` float64[n, 2] of correlation ``between``."""
-    kron = np.einsum("nab,ncd->nacbd", y.overlaps(apart[:, 1]), x.overlaps(apart[:, 0]))
-    moments = len(y.basis) * len(x.basis)
-    return between[:, None, None] * kron.reshape(len(between), moments, moments)
+    return between[:, None, None] * _kron(y.overlaps(apart[:, 1]), x.overlaps(apart[:, 0]))
 
 
 def _circulant(

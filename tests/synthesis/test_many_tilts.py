@@ -1,5 +1,7 @@
 """Stacks of many tilts by moments of the noise within cells, against noise that is white within them too."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -40,7 +42,7 @@ def made(where, known=None):
 def implied(sampler):
     """Covariance complex[T V, T V] of what a sampler draws, of unit noise put through it."""
     rank, (down, across) = sampler.root.rank, sampler.moments
-    root = sampler.root.moments(torch.eye(rank, dtype=torch.complex128))  # cells that are as many as the numbers
+    root = sampler._moments(torch.eye(rank, dtype=torch.complex128))  # cells that are as many as the numbers
     tilts = len(root)
     places = down * across * sampler.y.count * sampler.x.count
     unit = torch.eye(places, dtype=torch.complex128).reshape(places, down, across, sampler.y.count, sampler.x.count)
@@ -97,6 +99,21 @@ def test_the_covariance_is_that_of_white_noise(name, monkeypatch):
     assert np.abs(found - wider).max() > 3 * TOLERANCE * scale  # an error in the range is seen
 
 
+def test_moments_of_tilts_off_even_places_are_mixed(monkeypatch):
+    """Phases within a cell turn by up to 0.03; a narrow exit spot, whose K is that of even places."""
+    monkeypatch.setattr(module, "_PAYS", 100.0)
+    monkeypatch.setattr(module, "_UNEVEN", 0.01)
+    number, known = np.arange(16), correlation(0.3 * REACH)
+    light = sg.CollimatedBeams.tilts(0.02 + (number - 8 + 0.02 * np.sin(0.4 * number)) * 3 * GRAIN, width=WIDTH)
+    where = scene().replace(illumination=light)
+    sampler = made(where, known)
+    exact = literal(where, sampler, known)
+    scale = exact.real.max()
+    assert np.abs(implied(sampler) - exact).max() < TOLERANCE * scale
+    for wrong in (None, 2 * torch.eye(3) - sampler.mixtures):  # unmixed; turned the other way
+        assert np.abs(implied(replace(sampler, mixtures=wrong)) - exact).max() > 3 * TOLERANCE * scale
+
+
 def test_moments_to_the_fourth_order_across_tilts(monkeypatch):
     """Means, products and intensities' products of tilts near and far, against the literal covariance, by z."""
     monkeypatch.setattr(module, "_PAYS", 100.0)
@@ -142,6 +159,8 @@ def test_it_serves_where_it_takes_fewer_operations():
     uneven = long.replace(illumination=sg.CollimatedBeams.tilts(np.arange(100) ** 1.1 * 4e-5, width=1e5))
     from_the_axis = long.replace(illumination=sg.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(120), width=1e5))
     assert isinstance(many_tilts(from_the_axis, known), ManyTilts)  # sines within .0005 of a step
+    many = long.replace(illumination=sg.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(300), width=1e5))
+    assert isinstance(many_tilts(many, known), ManyTilts)
     assert many_tilts(few, known) is None
     assert many_tilts(uneven, known) is None
     assert many_tilts(long, object()) is None
