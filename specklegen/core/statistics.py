@@ -107,8 +107,13 @@ def tail_factor(deviations: np.ndarray) -> np.ndarray:
     2 / nu its relative variance. Measured in docs/trust.md.
     """
     n, share = len(deviations), 1 / effective_count(deviations)
-    added = 1.5 * np.sqrt(np.maximum(share - 3 / max(n, 1), 0))
-    freedom = 2 / np.maximum(share - 1 / max(n, 1), 2 / max(n - 1, 1))
+    return doubt_factor(share - 3 / max(n, 1), share - 1 / max(n, 1), n)
+
+
+def doubt_factor(unseen: np.ndarray, whole: np.ndarray, n: int = BATCHES) -> np.ndarray:
+    """Factor of standard errors whose variance has a relative variance ``whole``, ``unseen`` of it by rare values."""
+    added = 1.5 * np.sqrt(np.maximum(unseen, 0))
+    freedom = 2 / np.maximum(whole, 2 / max(n - 1, 1))
     return np.sqrt(1 + added) * stdtrit(freedom, _NORMAL_95) / ndtri(_NORMAL_95)
 
 

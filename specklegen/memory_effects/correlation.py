@@ -24,6 +24,7 @@ from specklegen.paths.analog_walk import axial_light
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.endpoints import AXIS
+from specklegen.paths.rare_paths import Implied, implied_error
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.steps import inside_share, refracting_layers
 from specklegen.paths.tracer import plane_tracer
@@ -112,6 +113,12 @@ class MemoryEffectCorrelation:
     def _lost(self, q: np.ndarray) -> np.ndarray:
         """What each bin loses of the field correlation, 1 - J0(q r), float64[..., n] at q float64[..., 1]."""
         return _one_minus_bessel(q, self.radius)
+
+    def implied_error(self, medium: PlaneMedium, q: np.ndarray) -> Implied:
+        """Error of K at q float64[T] that the phase function of its medium implies."""
+        off = np.square(self(q)[:, None] - 1 + self._lost(q[:, None]))
+        share = self.weights.sum(axis=0)
+        return implied_error(medium, float(share.sum()), self.weights @ off.T, np.square(off) @ share)
 
     def half_range(self, share: float = 0.5) -> float:
         """Half range q at which (C_I - floor)/(1 - floor) falls to ``share``; the floor is (single share)^2.

@@ -39,7 +39,7 @@ from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import SLANT, LobeLoss, lobe_loss, steepest
-from specklegen.paths.rare_paths import warn_of_rare_paths
+from specklegen.paths.rare_paths import implied_error, warn_of_rare_paths
 from specklegen.paths.reversal import reversal_decision
 from specklegen.paths.slab_tracer import events_across, events_per_path
 from specklegen.paths.steps import refracting_layers
@@ -329,7 +329,7 @@ def memory_effect(
     keyed = pilot_seed(medium.unitless_fingerprint())
     count = budget.count(lambda n: float(np.nan_to_num(run(n, keyed)[3]).max(initial=0.0)))
     require_traced("memory_effect", medium, aim, count, budget.threads)
-    field, intensity, decorrelation, error, single, lit = run(count, budget.seed)
+    field, intensity, decorrelation, error, single, lit, carried = run(count, budget.seed)
     if np.isnan(single):
         warn_user(
             f"memory_effect: none of {count} paths carried light, so that nothing is known. Trace more paths, or take "
@@ -337,7 +337,7 @@ def memory_effect(
         )  # fmt: skip
     if unsure:
         error = np.hypot(error, np.minimum(np.square(tilts), 1.0))
-    warn_of_rare_paths("memory_effect", lit)
+    warn_of_rare_paths("memory_effect", lit, carried)
     return MemoryEffect(
         tilts=tilts,
         q=2 * np.pi / wavelength * np.sin(tilts) * medium.thickness,
@@ -438,8 +438,10 @@ def _axial(medium, wavelength, light, view, views, side, paths, seed, reverse, t
         return _dark(len(light))
     q = 2 * np.pi / wavelength * light[:, 0]
     intensity, decorrelation, error = correlation.intensity(q)
-    lit = correlation.weights.sum(axis=1)
-    return correlation(q).astype(np.complex128), intensity, decorrelation, error, correlation.single_share, lit
+    field, implied = correlation(q), correlation.implied_error(medium, q)
+    error = implied.at_least(error, 2 * np.abs(field))
+    lit, carried = correlation.weights.sum(axis=1), float(implied.paths.min(initial=np.inf))
+    return field.astype(np.complex128), intensity, decorrelation, error, correlation.single_share, lit, carried
 
 
 def _polarised(
@@ -451,7 +453,8 @@ def _polarised(
         lights, views = np.concatenate([AXIS[None], light]), np.concatenate([view[None], views])
         options = {"reverse": reverse, "near": near}
         curve = pair_curve(medium, wavelength, lights, views, seen, paths, seed, threads, **options)
-    return curve.field, curve.intensity, 1 - curve.intensity, curve.standard_error, curve.single_share, curve.lit
+    found = curve.field, curve.intensity, 1 - curve.intensity, curve.standard_error
+    return *found, curve.single_share, curve.lit, np.inf
 
 
 def _lateral(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
@@ -459,12 +462,20 @@ def _lateral(medium, wavelength, light, view, views, side, paths, seed, reverse,
     correlation = estimate_oblique_correlation(medium, AXIS, view, paths, seed, threads=threads)
     if not correlation.weights.sum() > _FAINTEST:
         return _dark(len(light))
-    k = 2 * np.pi / wavelength
-    sums = [correlation.weights * np.exp(1j * k * (correlation.displacement @ tilt)) for tilt in light[:, :2]]
-    batches = np.array([batch_sums(each, correlation.owners, paths) for each in (*sums, correlation.weights)]).T
+    k, weights = 2 * np.pi / wavelength, correlation.weights
+    waves = [np.exp(1j * k * (correlation.displacement @ tilt)) for tilt in light[:, :2]]
+    sums = [weights * wave for wave in waves]
+    batches = np.array([batch_sums(each, correlation.owners, paths) for each in (*sums, weights)]).T
     intensity, error = jackknife(batches, lambda total: np.square(np.abs(total[:-1] / total[-1])))
     whole = batches.sum(axis=0)
-    return whole[:-1] / whole[-1], intensity, 1 - intensity, error, correlation.single_share, batches[:, -1].real
+    field = whole[:-1] / whole[-1]
+    # The deviation of each connection along K: the rest of it turns K, and leaves |K|.
+    along = np.exp(-1j * np.angle(field))
+    off = [np.square((w * turn).real - abs(k)) for w, turn, k in zip(waves, along, field, strict=True)]
+    squares = np.array([batch_sums(weights * each, correlation.owners, paths).real for each in off]).T
+    implied = implied_error(medium, float(weights.sum()), squares, np.square(off) @ weights)
+    error, carried = implied.at_least(error, 2 * np.abs(field)), float(implied.paths.min(initial=np.inf))
+    return field, intensity, 1 - intensity, error, correlation.single_share, batches[:, -1].real, carried
 
 
 def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, threads, near=False):
@@ -509,9 +520,10 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
         return np.square(np.abs(normalised(part)))
 
     intensity, error = jackknife(sums, correlation)
-    return normalised(sums.sum(axis=0)), intensity, 1 - intensity, error, float(single / total), sums[:, 2 * n].real
+    lit = sums[:, 2 * n].real
+    return normalised(sums.sum(axis=0)), intensity, 1 - intensity, error, float(single / total), lit, np.inf
 
 
 def _dark(n: int):
     nan = np.full(n, np.nan)
-    return nan.astype(np.complex128), nan, nan, nan, float("nan"), np.zeros(BATCHES)
+    return nan.astype(np.complex128), nan, nan, nan, float("nan"), np.zeros(BATCHES), np.inf

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+import zscore
 from refusals import assert_refused
 from zscore import assert_z, refute_z
 
 import specklegen as sg
+from specklegen.mean import reflectance
 from specklegen.oracles.adding_doubling import adding_doubling
 
 VAN_DE_HULST = sg.Slab(thickness=2.0, mean_free_path=1.0, albedo=0.9, scatterer=sg.HenyeyGreenstein(0.75))
@@ -169,8 +171,27 @@ def test_an_error_is_reached():
 def test_what_was_never_seen_has_an_error():
     dark = sg.Slab(thickness=1000.0, mean_free_path=1.0, albedo=0.5, scatterer=sg.Isotropic())
     found = sg.reflectance_transmittance(dark, paths=1000)
-    assert found.transmittance_error == 1e-3
+    assert found.transmittance_error == pytest.approx(3e-3 / 1.96)
     assert found.transmittance < 1e-300
+
+
+def test_errors_of_few_paths_hold_the_truth(monkeypatch):
+    """Three of 25 paths pass: of 800 runs, so many as 0.93 leaves at a false-alarm rate of 1e-6; 0.86 without it."""
+    layers = sg.Layers([
+        sg.Layer(thickness=10.0, mean_free_path=2.0, scatterer=sg.HenyeyGreenstein(0.6)),
+        sg.Layer(thickness=10.0, mean_free_path=1.0, scatterer=sg.Isotropic()),
+    ])  # fmt: skip
+    truth = 0.12616  # of 300 000 paths
+
+    def coverage() -> float:
+        runs = (sg.reflectance_transmittance(layers, paths=25, seed=seed, threads=1) for seed in range(800))
+        return np.mean([abs(run.transmittance - truth) <= 1.96 * run.transmittance_error for run in runs])
+
+    least = 0.93 - zscore.limit() * np.sqrt(0.93 * 0.07 / 800)
+    assert coverage() > least
+    monkeypatch.setattr(reflectance, "tail_factor", lambda deviations: 1.0)
+    monkeypatch.setattr(reflectance, "_UNSEEN", 1.0)
+    assert coverage() < least
 
 
 @pytest.mark.parametrize(("change", "field"), [

@@ -9,10 +9,13 @@ import zscore
 import specklegen as sg
 from specklegen.core import statistics
 from specklegen.core.errors import DoubtWarning
+from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.paths import pilot as pilots
+from specklegen.paths import rare_paths
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.gaussianity import PathMoments
 from specklegen.paths.pilot import PILOT_PATHS, scene_pilot
+from specklegen.paths.rare_paths import lobe_moments
 from specklegen.paths.tracer import scene_tracer
 
 
@@ -101,3 +104,75 @@ def test_errors_planned_behind_deep_forward_slabs_are_those_found(depth, albedo)
     noise = np.hypot(error / true, 1.25 * np.std(stated / true) / np.sqrt(len(stated)))  # of a median
     assert ratio > 0.8 + noise, (ratio, noise)
     assert ratio < 1.35 + 2 * noise, (ratio, noise)  # stated(): at most 1.22 times what few paths carry
+
+
+# ---- What the phase function implies -------------------------------------------------------------------
+
+
+def test_integrals_of_phase_functions_are_closed_forms():
+    """And those of a phase function 1 % narrower are not."""
+    for g in (0.0, 0.9, 0.99):
+        square, fourth = lobe_moments(sg.HenyeyGreenstein(g))
+        assert square == pytest.approx((1 + g**2) / (1 - g**2) ** 2 / (4 * np.pi), rel=1e-4)
+        assert square != pytest.approx((1 + g**2) / (1 - g**2 * 1.01) ** 2 / (4 * np.pi), rel=1e-4) or g == 0
+        powers = ((1 - g) ** -10 - (1 + g) ** -10) / (10 * g) if g else 2.0
+        assert fourth == pytest.approx((1 - g**2) ** 4 * powers / (128 * np.pi**3), rel=1e-4)
+    mixture = sg.Mixture(types=[sg.HenyeyGreenstein(0.9), sg.Isotropic()], fractions=[0.25, 0.75])
+    parts = [lobe_moments(each) for each, _ in mixture.components]
+    assert lobe_moments(mixture) == pytest.approx(np.array([0.25, 0.75]) @ np.array(parts))
+
+
+def covered(medium, runs: int, paths: int, q: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Shares of runs whose 1.96 standard errors of C_I hold the truth: of batches alone, and of the phase function."""
+    held = np.zeros((2, len(q)))
+    for seed in range(runs):
+        correlation = estimate_correlation(medium, paths, seed, threads=1)
+        value, _, error = correlation.intensity(q)
+        raised = correlation.implied_error(medium, q).at_least(error, 2 * np.abs(correlation(q)))
+        held += np.abs(value - truth) <= 1.96 * np.stack([error, raised])
+    return held / runs
+
+
+def test_errors_behind_narrow_phase_functions_hold_the_truth():
+    """So many of 80 runs as 0.93 leaves at a false-alarm rate of 1e-6; batches alone hold 0.69."""
+    least = 0.93 - zscore.limit(comparisons=2) * np.sqrt(0.93 * 0.07 / 80)
+    q, truth = np.array([0.005, 0.01]), np.array([0.98922, 0.96876])  # of 8 million paths
+    batches, raised = covered(slab(50.0, 0.99), 80, 16_000, q, truth)
+    assert (raised > least).all()
+    assert (batches < least).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("g", "depth", "paths"), [(0.9, 5.0, 4000), (0.98, 50.0, 16_000), (0.99, 20.0, 16_000)])
+def test_errors_behind_other_narrow_phase_functions_hold_the_truth(g, depth, paths):
+    medium, least = slab(depth, g), 0.93 - zscore.limit(comparisons=6) * np.sqrt(0.93 * 0.07 / 200)
+    long = estimate_correlation(medium, 6_000_000, 999)
+    q = np.array([long.half_range(0.99), long.half_range(0.5)])
+    _, raised = covered(medium, 200, paths, q, np.square(long(q)))
+    assert (raised > least).all()
+
+
+def test_errors_that_many_paths_carry_stay():
+    """To the bit: of wide phase functions, of narrow ones from many paths, and of layers by their widest one."""
+    q = np.array([0.01, 0.05])
+    layers = sg.Layers([sg.Layer(thickness=20.0, mean_free_path=10.0, scatterer=sg.HenyeyGreenstein(g))
+                        for g in (0.99, 0.0)])  # fmt: skip
+    for medium, paths in ((slab(5.0, 0.0), 4000), (slab(5.0, 0.5), 4000), (slab(5.0, 0.9), 64_000), (layers, 4000)):
+        correlation = estimate_correlation(medium, paths, 1, threads=1)
+        error = correlation.intensity(q)[2]
+        raised = correlation.implied_error(medium, q).at_least(error, 2 * np.abs(correlation(q)))
+        np.testing.assert_array_equal(raised, error)
+
+
+def test_views_aside_state_what_the_phase_function_implies(monkeypatch):
+    """Estimates are those of batches alone, to the bit, and errors larger; tilts keep their angle to the lobe."""
+    options = {"wavelength": 1.0, "tilts": [0.003, 0.006], "view": [0.1, 0.0, np.sqrt(0.99)], "paths": 1000, "seed": 3}
+    with pytest.warns(DoubtWarning, match="standard errors rest on about 1 of the paths"):
+        raised = sg.memory_effect(slab(50.0, 0.98), **options)
+    assert raised.near_field
+    monkeypatch.setattr(rare_paths.Implied, "at_least", lambda self, error, slope: error)
+    with pytest.warns(DoubtWarning, match="standard errors rest on about 1 of the paths"):
+        batches = sg.memory_effect(slab(50.0, 0.98), **options)
+    np.testing.assert_array_equal(raised.field, batches.field)
+    np.testing.assert_array_equal(raised.intensity, batches.intensity)
+    assert (raised.standard_error > 1.2 * batches.standard_error).all()
