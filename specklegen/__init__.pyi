@@ -59,6 +59,7 @@ from .scene.scatterers import HenyeyGreenstein as HenyeyGreenstein
 from .scene.scatterers import Isotropic as Isotropic
 from .scene.scatterers import Mie as Mie
 from .scene.scatterers import Mixture as Mixture
+from .scene.scatterers import PercusYevick as PercusYevick
 from .scene.scatterers import Rayleigh as Rayleigh
 from .scene.scatterers import Scatterer as Scatterer
 from .scene.scatterers import Tabulated as Tabulated

@@ -207,7 +207,7 @@ def values() -> Iterator[Call]:
         sg.VoxelGrid(lower=[0.0] * 3, upper=[1.0] * 3, extinction=np.ones((2, 2, 2)), albedo=np.ones((2, 2, 2)),
                      material=np.zeros((2, 2, 2)), scatterers=(ISOTROPIC,)),
         sg.Mie(radius=0.3, wavelength=0.5, refractive_index=1.2), sg.VonMisesFisher(concentration=10.0),
-        sg.Polarisers(), sg.Rayleigh(),
+        sg.Polarisers(), sg.Rayleigh(), sg.PercusYevick(ISOTROPIC, 0.2, 0.3, wavelength=0.5),
         sg.Mixture(types=(ISOTROPIC, sg.HenyeyGreenstein(g=0.5)), fractions=(0.5, 0.5)),
         sg.Tabulated(theta=np.linspace(0, np.pi, 5), amplitude=np.ones(5)),
         sg.Brownian(diffusion=1.0), sg.Drift(velocity=[1.0, 0.0, 0.0]), sg.Shear(rate=1.0), FILM.beams,

@@ -123,6 +123,16 @@ for source, printed, share in (("a tenth of 10 %", formula, 0.05), ("20 %", batc
         print(f"Intralipid, {source}, {vacuum:g} micrometres: {measured:.2f} measured, {ours:.2f} by Mie theory")
 
 # %%
+# Silica spheres of 345 nm in water at 685 nm, transport lengths by the group of Furst (numbers of Q. Li in the program
+# nsbalbi/Scattering): spheres that keep each other apart, and independent ones.
+sphere = sg.Mie(radius=0.1725, wavelength=0.685 / 1.332, refractive_index=1.446 / 1.332)
+for share, measured in ((0.065, 230), (0.067, 225), (0.069, 216), (0.072, 215), (0.075, 205), (0.135, 130)):
+    dense = sg.PercusYevick(sphere, share, 0.345)
+    alone = 1 / (dense.number_density * sphere.scattering_cross_section * (1 - sphere.g))
+    ours = dense.mean_free_path / (1 - dense.g)
+    print(f"silica, {share:g} of the volume: {measured} measured, {ours:.0f} by hard spheres, {alone:.0f} independent")
+
+# %%
 # Milk, in red, green and blue light (Jensen, Marschner, Levoy and Hanrahan, SIGGRAPH 2001): the same.
 for name, fat, printed in (("skimmed", 0.1, (0.70, 1.22, 1.90)), ("whole", 3.5, (2.55, 3.21, 3.77))):
     for vacuum, measured in zip((0.65, 0.55, 0.475), printed, strict=True):

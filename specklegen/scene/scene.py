@@ -18,7 +18,7 @@ from specklegen.scene.layers import PlaneParallel
 from specklegen.scene.media import AnyMedium, Medium, Slab, as_slab, require_medium
 from specklegen.scene.motion import flow_rows, law_of, reduced_time
 from specklegen.scene.polarisation import Polarisers
-from specklegen.scene.scatterers.mie import Mie
+from specklegen.scene.scatterers import Mie, PercusYevick
 from specklegen.scene.schematic import draw_scene
 from specklegen.scene.screens import ScreenStack, require_thin
 from specklegen.scene.sensors import AnySensor, FarFieldGrid
@@ -236,10 +236,11 @@ class Scene(Value, Pictured):
             )
 
     def _require_wavelength(self) -> None:
-        """Refuse Mie spheres made for another wavelength."""
+        """Refuse spheres made for another wavelength."""
         for particle in (p for scatterer in self.volume.scatterers for p, _ in scatterer.components):
-            if isinstance(particle, Mie) and abs(particle.wavelength / self.wavelength - 1) > 1e-9:
-                reject("Mie.wavelength", f"that of the scene, {self.wavelength:g}", particle.wavelength,
+            made = particle.wavelength if isinstance(particle, Mie | PercusYevick) else None
+            if made is not None and abs(made / self.wavelength - 1) > 1e-9:
+                reject(f"{particle.type}.wavelength", f"that of the scene, {self.wavelength:g}", made,
                        "Both are the wavelength inside the medium.")  # fmt: skip
 
     def _facts(self) -> Mapping[str, object]:
