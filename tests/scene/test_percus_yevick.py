@@ -89,12 +89,13 @@ def _hard_spheres(count, side, sweeps, rng, waves):
 
 @pytest.mark.slow
 def test_hard_spheres_that_move_at_random_scatter_so():
-    """343 spheres filling a tenth of a periodic box, at nine wavenumbers in chi squared; five per cent more of them are told."""
+    """343 spheres fill a tenth of a periodic box: chi squared of nine wavenumbers. Five per cent more are caught."""
     count, phi = 343, 0.1
     side = (count * np.pi / 6 / phi) ** (1 / 3)
     orders = np.array([1, 2, 3, 4, 6, 8, 10, 12, 14])
     waves = (orders[:, None, None] * np.eye(3)).reshape(-1, 3)
-    found = _hard_spheres(count, side, 60_000, np.random.default_rng(1), waves)[1000:].reshape(59, 1000, len(orders), 3).mean(axis=(1, 3))
+    found = _hard_spheres(count, side, 60_000, np.random.default_rng(1), waves)[1000:]
+    found = found.reshape(59, 1000, len(orders), 3).mean(axis=(1, 3))
     error = found.std(axis=0, ddof=1) / np.sqrt(len(found))
     qd = 2 * np.pi / side * orders
     misses = {p: np.square((found.mean(axis=0) - structure_factor(qd, p)) / error).sum() for p in (phi, 1.05 * phi)}
