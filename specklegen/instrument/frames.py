@@ -49,7 +49,8 @@ def read_frames(path: str | Path) -> np.ndarray:
         raise ValueError(f"its name ends in none of {', '.join(SUFFIXES)}")
     frames = reader(path)
     if frames.ndim != 3 or frames.dtype.kind not in "buif" or not frames.size:
-        raise ValueError(f"it holds {frames.dtype} of the shape {frames.shape}, not frames of grey counts")
+        there = f"{frames.dtype} of the shape {frames.shape}"
+        raise ValueError(f"it holds {there}, not frames of grey counts [h, w] or [n, h, w]")
     return frames
 
 
@@ -91,3 +92,5 @@ _READERS = {
 }  # fmt: skip
 SUFFIXES = tuple(suffix for suffix, reader in _READERS.items() if reader is not _read_lossy)
 """Endings of the names of files that are read."""
+KNOWN = tuple(_READERS)
+"""These, and those that are refused with a reason."""

@@ -39,8 +39,10 @@ def read_tiff(path: Path, most_pixels: int, lossless: bool = False) -> np.ndarra
     with TiffFile(path, is_ome=False) as file:
         series = file.series
         shapes = {each.shape[-3 if each.axes.endswith("S") else -2 :] for each in series}
-        if len(shapes) != 1:
-            raise ValueError(f"its pages have the shapes {sorted(shapes)}, not one of rows and columns")
+        types = {str(each.dtype) for each in series}
+        if len(shapes) != 1 or len(types) != 1:
+            raise ValueError(f"its pages have the shapes {sorted(shapes)} and the types {sorted(types)}, not one of "
+                             "either: write each measurement to a file of its own")  # fmt: skip
         compressions = {int(each.keyframe.compression) for each in series}
         if lossless and not compressions <= _LOSSLESS:
             raise ValueError(f"it is compressed by a method (TIFF number {max(compressions)}) that may lose noise")

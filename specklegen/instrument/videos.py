@@ -42,6 +42,8 @@ def read_video(path: Path, most_pixels: int) -> np.ndarray:
     with av.open(str(path.absolute()), format=_CONTAINERS[path.suffix.lower()]) as film:
         if not film.streams.video:
             raise ValueError("it holds no frames")
+        if len(film.streams.video) > 1:
+            raise ValueError(f"it holds {len(film.streams.video)} films: write each to a file of its own")
         context = film.streams.video[0].codec_context
         codec, pixels, size = context.name, str(context.pix_fmt), context.width * context.height
         if codec not in _LOSSLESS:

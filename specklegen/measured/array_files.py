@@ -81,7 +81,9 @@ def _chosen(shapes: Mapping[str, tuple[int, ...]], variable: str | None) -> str:
     names = ", ".join(f"{name} {' x '.join(map(str, shape))}" for name, shape in list(fit.items())[:8])
     if variable is None:
         if len(fit) != 1:
-            raise ValueError(f"name one array by variable=, it has {names}" if fit else "it holds no frames of numbers")
+            there = ", ".join(f"{name} {' x '.join(map(str, shape))}" for name, shape in list(shapes.items())[:8])
+            none = f"it holds no frames [h, w] or [n, h, w]: {there or 'no numbers'}"
+            raise ValueError(f"name one array by variable=, it has {names}" if fit else none)
         variable = next(iter(fit))
     if variable not in fit:
         raise ValueError(f'it has no frames of the name "{variable}"' + (f", but {names}" if fit else ""))

@@ -52,6 +52,10 @@ class MeasuredCurve(Pictured):
         draw_curve(axes, self.at, self.values, self.errors, label, fmt="o", xlabel=xlabel, ylabel=ylabel)
 
 
+OWN_FILE = "If a second measurement begins here, give it a file of its own."
+"""What to do with a file of several measurements, where a table cannot go on."""
+
+
 def read_curve(path: str | Path, columns: Sequence[int] | None = None) -> MeasuredCurve:
     r"""Read a measured curve from a text of columns: where, value, and standard error if there is a third.
 
@@ -99,6 +103,9 @@ def read_curve(path: str | Path, columns: Sequence[int] | None = None) -> Measur
             names = tuple(cell.strip('"') for cell in cells)
             separator = None if separator == " " else separator  # names may have spaces of their own
             continue
+        if not chosen and not rows and len(cells) > 3:
+            reject(where, "of two or three columns, or of more with columns= that chooses", line.strip(),
+                   "Two measurements in a file are columns=(0, 1) and columns=(0, 2).")  # fmt: skip
         taken = chosen or tuple(range(min(3, len(cells))) if not rows else range(len(rows[0])))
         if max(taken) >= len(cells) or len(taken) < 2:
             reject(where, f"of at least {max(2, max(taken) + 1)} columns", line.strip(),
@@ -106,7 +113,7 @@ def read_curve(path: str | Path, columns: Sequence[int] | None = None) -> Measur
         row = [_number(where, cells[column]) for column in taken]
         if rows and not row[0] > rows[-1][0]:
             reject(where, f"of a place above the one before, {rows[-1][0]:g}", row[0],
-                   "Sort the lines; average repeats.")  # fmt: skip
+                   f"Sort the lines; average repeats. {OWN_FILE}")  # fmt: skip
         if len(row) == 3 and not row[2] > 0:
             reject(where, "of a standard error greater than 0", row[2], "Leave the column out by columns=(0, 1).")
         rows.append(row)
@@ -151,6 +158,6 @@ def _is_number(text: str) -> bool:
 
 def _number(where: str, text: str) -> float:
     if not _is_number(text) or not np.isfinite(float(text)):
-        remedy = "Write a decimal point." if re.fullmatch(r"[+-]?\d+,\d+", text) else ""
+        remedy = "Write a decimal point." if re.fullmatch(r"[+-]?\d+,\d+", text) else OWN_FILE
         reject(where, "of finite numbers", text, remedy)
     return float(text)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from specklegen.core.arguments import on_host
 from specklegen.core.errors import counted, reject
 from specklegen.core.file_limits import MOST_PIXELS
-from specklegen.instrument.frames import SUFFIXES, read_frames
+from specklegen.instrument.frames import KNOWN, SUFFIXES, read_frames
 from specklegen.measured.array_files import read_hdf5, read_matlab
 
 Source = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | ArrayLike
@@ -87,7 +87,10 @@ def _files(field: str, name: str, notes: list[str]) -> list[Path]:
 
 
 def _read(field: str, file: Path, variable: str | None) -> np.ndarray:
-    reader = _ARRAY_FILES.get(file.suffix.lower())
+    suffix = file.suffix.lower()
+    reader = _ARRAY_FILES.get(suffix)
+    if reader is None and suffix not in KNOWN:
+        reject(field, f"files whose names end in {', '.join(FRAME_FILES)}", str(file))
     try:
         frames = read_frames(file) if reader is None else reader(file, variable)
     except ImportError:

@@ -30,7 +30,7 @@ from specklegen.core.display.repr import summary
 from specklegen.core.errors import counted, reject
 from specklegen.core.quantities import takes_units
 from specklegen.core.units import MILLIMETRES
-from specklegen.measured.curve import text_of
+from specklegen.measured.curve import OWN_FILE, text_of
 
 _HEAD = (
     "sample_index", "slide_index", "thickness", "slide_thickness", "beam_diameter", "standard",
@@ -326,7 +326,8 @@ def _table(owner: str, lines: list[tuple[int, list[str]]], names: tuple[str, ...
     rows = []
     for number, cells in lines:
         if len(cells) != len(names):
-            reject(f"{owner}{number},", f"{counted(len(names), 'number')}: {', '.join(names)}", " ".join(cells))
+            rule = f"{counted(len(names), 'number')}: {', '.join(names)}"
+            reject(f"{owner}{number},", rule, " ".join(cells), OWN_FILE)
         row = [_finite(f"{owner}{number},", cell) for cell in cells]
         for name, value in zip(names, row, strict=True):
             if name in _SHARES and not 0 <= value <= 1:
@@ -347,5 +348,5 @@ def _number(text: str) -> float | None:
 def _finite(where: str, text: str) -> float:
     value = _number(text)
     if value is None or not np.isfinite(value):
-        reject(where, "a finite number", text)
+        reject(where, "a finite number", text, OWN_FILE)
     return value

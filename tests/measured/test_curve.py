@@ -48,6 +48,9 @@ def test_what_numpy_writes(tmp_path):
     ("0,1,.1\n1,.5,0\n", "line 2, must be of a standard error greater than 0"),
     ("0,1,.1\n1,.5\n", "line 2, must be of at least 3 columns"), ("0\n1\n", "line 1, must be of at least 2 columns"),
     ("tilt,C\n0,1\n", "at least two lines"), ("", "at least two lines"),
+    ("lag,a,b,c\n0,2,2,2\n", r"line 2, must be of two or three columns, .*columns=\(0, 2\)"),
+    ("lag,a\n0,2\n1,1\n\nlag,b\n0,2\n", "line 5, .*second measurement begins here, give it a file of its own"),
+    ("0,2\n1,1\n\n0,2\n", "line 4, .*second measurement begins here, give it a file of its own"),
     ("a,b\nc,d\n", "line 2, must be of finite numbers"),
 ])  # fmt: skip
 def test_the_line_is_named(lines, told, tmp_path):

@@ -7,10 +7,12 @@ import pytest
 import tifffile
 from PIL import Image
 from refusals import assert_refused
+from scenes import ROOT
 from scipy.io import savemat
 
 from specklegen.core.errors import RuleError
 from specklegen.measured import read_measurement
+from specklegen.measured.files import FRAME_FILES, read_raw
 
 COUNTS = np.random.default_rng(0).integers(1, 4000, (3, 24, 31)).astype(np.uint16)
 BYTES = (COUNTS // 16).astype(np.uint8)
@@ -174,6 +176,63 @@ def test_one_of_several_arrays_is_named(tmp_path):
     found = read_measurement(tmp_path / "d.mat", variable="truth", hot_pixels=False)
     assert np.array_equal(found.light, COUNTS[:1])
     assert_refused(lambda: read_measurement(tmp_path / "d.mat", variable="im"), 'no frames of the name "im"')
+
+
+def write_two(folder):
+    """Files of two measurements, as people have them."""
+    for name, other in (("same", COUNTS), ("sizes", COUNTS[:, :9]), ("types", COUNTS / 7)):
+        with tifffile.TiffWriter(folder / f"{name}.tif") as file:
+            file.write(COUNTS, photometric="minisblack")
+            file.write(other, photometric="minisblack")
+    np.save(folder / "two.npy", np.stack([COUNTS, COUNTS]))
+    savemat(folder / "two.mat", {"raw": np.stack([COUNTS, COUNTS])})
+
+
+@pytest.mark.parametrize(("name", "told"), [
+    ("sizes.tif", "each measurement to a file of its own"), ("types.tif", "each measurement to a file of its own"),
+    ("two.npy", r"uint16 of the shape (2, 3, 24, 31), not frames of grey counts [h, w] or [n, h, w]"),
+    ("two.mat", "it holds no frames [h, w] or [n, h, w]: raw 2 x 3 x 24 x 31"),
+])  # fmt: skip
+def test_two_measurements_in_a_file_are_refused_with_the_remedy(name, told, tmp_path):
+    write_two(tmp_path)
+    assert_refused(lambda: read_measurement(tmp_path / name), re.escape(told))
+
+
+def test_two_measurements_of_one_size_and_type_are_read_whole(tmp_path):
+    write_two(tmp_path)
+    assert np.array_equal(read_raw("frames", tmp_path / "same.tif").frames, np.concatenate([COUNTS, COUNTS]))
+
+
+def test_two_data_sets_and_two_films(tmp_path):
+    h5py, av = pytest.importorskip("h5py"), pytest.importorskip("av")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["one"], file["group/two"] = COUNTS, COUNTS[:2]
+    told = "name one array by variable=, it has group/two 2 x 24 x 31, one 3 x 24 x 31"
+    assert_refused(lambda: read_measurement(tmp_path / "a.h5"), told)
+    assert len(read_raw("frames", tmp_path / "a.h5", "group/two").frames) == 2
+    with av.open(str(tmp_path / "a.mkv"), "w") as film:
+        streams = [film.add_stream("ffv1", rate=5, width=30, height=24, pix_fmt="gray") for _ in range(2)]
+        for stream in streams:
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(BYTES[0, :, :30]), format="gray")
+            film.mux([*stream.encode(frame), *stream.encode()])
+    assert_refused(lambda: read_measurement(tmp_path / "a.mkv"), "2 films: write each to a file of its own")
+
+
+def test_the_list_of_formats_is_the_true_one(tmp_path):
+    """Whatever is listed has a reader, whatever has one is listed, and the page for users names each."""
+    (tmp_path / "a.xyz").write_bytes(b"0")
+    with pytest.raises(RuleError) as refused:
+        read_measurement(tmp_path / "a.xyz")
+    listed = re.findall(r"\.\w+(?=[,;])", str(refused.value).partition("end in")[2])
+    assert tuple(listed) == FRAME_FILES
+    page = (ROOT / "docs" / "measured.md").read_text().partition("## Which files")[2].partition("##")[0].lower()
+    names = {".tif": "tiff", ".h5": "hdf5", ".mat": "matlab"}
+    assert all(str(names.get(ending, ending.strip("."))) in page for ending in listed)
+    for ending in listed:
+        (tmp_path / f"a{ending}").write_bytes(b"0")
+        with pytest.raises((RuleError, ImportError)) as refused:
+            read_measurement(tmp_path / f"a{ending}")
+        assert "end in" not in str(refused.value)
 
 
 def test_a_folder_leaves_out_what_are_no_frames_and_doubts_dark_ones(tmp_path):

@@ -122,6 +122,8 @@ def with_head(number, text):
     (["r q", ".3 .4"], HEAD, "line 22, must be names of columns among r, t"),
     (["t u", ".3 .4"], HEAD, "line 22, must be names of different columns, r among"),
     (["r t", ".3 nan"], HEAD, "line 23, must be a finite number"),
+    (["r t", ".3 .4", "IAD1"], HEAD, "If a second measurement begins here, give it a file of its own."),
+    (["r t", ".3 .4", "r t", ".3 .4"], HEAD, "If a second measurement begins here, give it a file of its own."),
     (["r"], HEAD, "readings must be at least one"),
     ([], HEAD, "followed by readings"),
     (["8", ".3 .4 .5 .6"], HEAD, "1 to 7 numbers"),
