@@ -390,7 +390,7 @@ def main() -> None:
     parser.add_argument("--motion", action="store_true", help="only the rows of particles that move")
     parser.add_argument("--lens", action="store_true", help="only the rows of images through a lens")
     parser.add_argument("--threads", action="store_true", help="only the rows of two threads against one")
-    parser.add_argument("--json", type=Path, metavar="PATH", help="write the rows there, for docs/performance.md")
+    parser.add_argument("--json", type=Path, metavar="PATH", help="write the rows there, for docs/notes/performance.md")
     parser.add_argument("--prediction", choices=PREDICTED, help="measure one case alone, and print JSON")
     options = parser.parse_args()
     if options.prediction:

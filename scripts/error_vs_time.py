@@ -1,4 +1,4 @@
-"""Error against run time of every sampler on every scene: the tables and figures of docs/performance.md.
+"""Error against run time of every sampler on every scene: the tables and figures of docs/notes/performance.md.
 
     python scripts/error_vs_time.py                  # all scenes and the calibration: some 15 minutes on two idle cores
     python scripts/error_vs_time.py --quick          # rough curves of short runs, no calibration: under two minutes

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from scenes import ROOT
 
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md")),
+         *sorted((ROOT / "docs").glob("notes/*.md"))]  # fmt: skip
 PROGRAMS = r"(?:specklegen|make|pip|pytest|python|dask|torchrun|docker|rattler-build) [^=\n|]"
 PLACEHOLDERS = {"RECIPE": "through-slab", "NAME": "through-slab", "FILE": "setup.toml", "DIR": "made"}
 """What pages leave to the reader, and what it is here."""

@@ -28,6 +28,7 @@ from specklegen.planning.planning import PACKAGED
 from specklegen.samplers.sampler import SAMPLERS
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+NOTES = sorted((ROOT / "docs" / "notes").glob("*.md"))
 
 
 class Block(NamedTuple):
@@ -181,7 +182,7 @@ def test_every_page_stands_in_the_index():
     }
 
 
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "SECURITY.md"], ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *NOTES, ROOT / "SECURITY.md"], ids=lambda page: page.name)
 def test_every_link_leads_somewhere(page):
     for target in re.findall(r"\]\(([^)#\s]+)", page.read_text()):
         assert target.startswith("http") or (page.parent / target).exists(), target

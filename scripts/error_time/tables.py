@@ -1,4 +1,4 @@
-"""Tables and figures of docs/performance.md, from the stored measurements; the page's words stay as they are."""
+"""Tables and figures of docs/notes/performance.md, from the stored measurements; the page's words stay as they are."""
 
 import csv
 import json
@@ -54,7 +54,7 @@ def write(folder: Path) -> Path:
         figure(name, [row for row in rows if row.scene == name], folder / f"{name}.png")
     if set(README_SCENES) <= set(names):
         readme_figure(rows, folder.parent / "images" / "error-vs-time.png")
-    path = folder.parent / "performance.md"
+    path = folder.parent / "notes" / "performance.md"
     text = path.read_text()
     tables = {"Runs": runs(folder), "Speed": ratios(folder), "Are the reported errors right?": calibration(folder)}
     tables |= {"Slope": slopes(rows), "Crossover points": crossings(rows)}
@@ -69,7 +69,7 @@ def replaced(text: str, heading: str, table: str) -> str:
     pattern = rf"(^## {re.escape(heading)}\n(?:(?!## |\|).*\n)*)(?:\|.*(?:\n|\Z))+"
     fresh, count = re.subn(pattern, lambda match: f"{match[1]}{table}\n", text, count=1, flags=re.MULTILINE)
     if not count:
-        reject("docs/performance.md", f"a page with a table below the heading {heading!r}", "none", "Add both.")
+        reject("docs/notes/performance.md", f"a page with a table below the heading {heading!r}", "none", "Add both.")
     return fresh
 
 
