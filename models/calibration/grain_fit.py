@@ -35,7 +35,7 @@ SMALLEST, LARGEST = 1.5, 6.0
 HELD = 40.0
 """Nats above the least within which the grain lies in 19 of 20 photographs: counted on drawn ones."""
 DOUBTED = 100.0
-"""Nats above the least at which a stated grain is doubted; the most at a true one was 77 (docs/measured.md)."""
+"""Nats above the least at which a stated grain is doubted; the most at a true one was 77 (docs/notes/measured.md)."""
 SHAPES: tuple[Profile, ...] = ("disc", "square")
 """Of windows with an edge, which can be asked for."""
 SMALLEST_EXTENT, LARGEST_EXTENT = 8, 128

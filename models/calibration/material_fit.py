@@ -226,7 +226,7 @@ class MaterialFit(Pictured):
         They end where chi squared has risen by :attr:`rises`' quantile, or that of chi squared if it is larger. By the
         latter alone, of 220 setups whose curves are of paths, those of .68 held thickness, mean free path and g in .63,
         .67 and .60, those of .95 in .93, .95 and .95; of 224 whose curves are of the tables, these held them in .67,
-        .67 and .72, and in .94, .97 and .97 (docs/measured.md).
+        .67 and .72, and in .94, .97 and .97 (docs/notes/materialfit.md).
 
         Parameters
         ----------

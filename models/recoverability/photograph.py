@@ -85,7 +85,7 @@ class PhotographVerdict(Pictured):
         "works", "needs frames", "cannot" or "no speckle".
     probability : float
         That phase retrieval comes to a Pearson correlation above .8, of these frames, if they are speckle; 0 of what is
-        seen to be none: most pictures, but not noise that was blurred. How often both were right: docs/measured.md.
+        seen to be none: most pictures, but not noise that was blurred. Shares that were right: docs/notes/measured.md.
     interval : (float, float)
         Where that share lies for nine scenes of ten that look alike.
     frames_needed : int or None

@@ -153,7 +153,7 @@ class MemoryCurve(_Curve):
         C_I, float[M]: 1 at zero tilt, of a beam much wider than the slab is thick; None of a curve that is planned.
     error
         Standard error, one number or float[M]. Of independent values: tilts that share one reference image share its
-        error (docs/measured.md).
+        error (docs/notes/materialfit.md).
     file, lines
         Where the values were read, for messages; by default nowhere.
 

@@ -11,7 +11,7 @@ from specklegen.models.calibration.grain_fit import DOUBTED, fit_grain, transfer
 
 SIDE, EXTENT = 320, 32
 BIAS = 0.12
-"""Of the mean logarithm, up to .1 either way by the kind of object (docs/measured.md): intervals hold it."""
+"""Of the mean logarithm, up to .1 either way by the kind of object (docs/notes/measured.md): intervals hold it."""
 
 
 def photographs(count, grain, profile, seed):

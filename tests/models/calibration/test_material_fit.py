@@ -34,7 +34,7 @@ def fit(depth=10.0, g=0.9, free=FREE, sphere=True, seed=0):
 def test_errors_of_the_tables_count():
     """The mean rise of chi squared at the truth, to first order, should be 3: as many as are free. Of curves by paths
     it is more where the tables' own errors are left out. No noise is drawn, and coverage, which is too small, is not
-    judged here: docs/measured.md."""
+    judged here: docs/notes/materialfit.md."""
     expected = {True: [], False: []}
     for numbers in MATERIALS.values():
         made = bench_of(slab_of(*numbers), 300_000)
