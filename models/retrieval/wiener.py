@@ -85,11 +85,11 @@ def weights(
 
 
 SPARSE = 2.9
-"""Power of the lags over that of the dense guess, above which objects are bright points (docs/imaging.md)."""
+"""Power of the lags over that of the dense guess, above which objects are bright points (docs/notes/imaging.md)."""
 FEW = 0.17
 """Share of the lags that stand out of the noise, up to which points are few."""
 BEND = 1.5
-"""Power of the bend over that of the noise, above which division helps (docs/imaging.md)."""
+"""Power of the bend over that of the noise, above which division helps (docs/notes/imaging.md)."""
 _VISIBLE = 0.3  # C_I below which a lag says little of R
 
 

@@ -5,7 +5,7 @@ sources on a lattice of 0.0025 degrees, six by six sites, another constellation 
 show the same constellations through the same random numbers. Autocorrelation contrast is the mean of the
 autocorrelation at the lags from one source to another, over that at the zero lag.
 
-Draws bar19-fig12.png and prints its table (docs/imaging.md).
+Draws bar19-fig12.png and prints its table (docs/notes/imaging.md).
 """
 
 from pathlib import Path

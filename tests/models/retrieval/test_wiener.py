@@ -92,7 +92,7 @@ def drawn(family, ranges, camera=128, step=1.0, count=6):
     (Points(), 3.0, 128, "empirical"), (Points(), 2.0, 480, "floor"), (Points(count=12), 2.0, 480, "floor"),
 ])  # fmt: skip
 def test_whether_to_divide(family, ranges, camera, wanted):
-    """The best of the measured table (docs/imaging.md), in at least five of six images."""
+    """The best of the measured table (docs/notes/imaging.md), in at least five of six images."""
     lags, variance, c_i = drawn(family, ranges, camera)
     chosen = wiener.choice(lags, c_i, variance, side=SIDE, grain=torch.full((len(lags),), float(GRAIN)))
     assert chosen.count(wanted) >= 5
