@@ -61,7 +61,6 @@ SHORTER = [
     ('{"samples": {"train": 256}}', '{"samples": {"train": 32}}'),
     ("rel_error=0.02)", "rel_error=0.2)"),
     ("n_rays=100_000", "n_rays=2000"), ("monte_carlo_mean(layer, 4000, seed=0)", "monte_carlo_mean(layer, 8, seed=0)"),
-    ("range(8)))", "range(2)))"),
     ("samples=128, folder", "samples=8, folder"),
     ("paths=2000, seed=0, reverse=False)", "paths=50, seed=0, reverse=False)"),
 ]  # fmt: skip

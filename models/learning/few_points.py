@@ -18,7 +18,7 @@ from specklegen.models.likelihood.likelihood import SpeckleLikelihood
 from specklegen.models.metrics import align, pearson
 
 SPARSE = 60.0
-"""Bright pixels of the network's image, below which points are searched for (docs/networks.md)."""
+"""Bright pixels of the network's image, below which points are searched for (docs/notes/networks.md)."""
 SURPRISE = 3.0
 """Spreads of the log-likelihood by which points may exceed what is expected of the true object."""
 

@@ -10,7 +10,7 @@ object and the same slab as the recipe's own sample; only the speckle is another
 
 Means are exact. What the law leaves out is of second order: neighbouring frequencies of a camera have a covariance of
 .06 where an object fills a third of it, and few points widen the scatter of the lags within a grain by their fourth
-cumulant (docs/networks.md).
+cumulant (docs/notes/networks.md).
 """
 
 import hashlib

@@ -10,7 +10,8 @@ two numbers: the exact likelihood, and how well the prior takes noise off it, th
 
 which is minus the logarithm of the prior density, up to a constant and to details finer than the last noise level
 (Kingma, Salimans, Poole and Ho, NeurIPS 2021, equation 13). Neither is believed as it is: the prior was learned, and
-the draws are few; the factors that they get were fitted on objects that the training never saw (docs/networks.md).
+the draws are few; the factors that they get were fitted on objects that the training never saw
+(docs/notes/networks.md).
 """
 
 from functools import lru_cache

@@ -5,7 +5,7 @@ from scipy.special import logsumexp, ndtr
 from scipy.stats import t
 
 SHAPE = 0.1
-"""Spread of the logarithm of a range read off C_I of another shape (docs/networks.md, docs/notes/measured.md)."""
+"""Spread of the logarithm of a range read off C_I of another shape (docs/notes/networks.md, measured.md)."""
 
 
 def blurred(at: np.ndarray, likely: np.ndarray, spread: float) -> np.ndarray:

@@ -63,7 +63,7 @@ def test_frames_in_three_formats(setup, tmp_path):
     assert report["photographs"][0]["answer"] == verdict.answer
     for each in report["images"]:
         assert 0 <= each["probability"] <= 1
-        # Settled images leave little unexplained: 5 to 95 % of them have .50 to .65 (docs/networks.md).
+        # Settled images leave little unexplained: 5 to 95 % of them have .50 to .65 (docs/notes/networks.md).
         assert each["expected"] == pytest.approx(np.euler_gamma)
         assert abs(each["deviance"] - each["expected"]) < 0.2
         assert bool(each["reasons"]) == (each["probability"] < 0.5)

@@ -1,4 +1,4 @@
-"""The unrolled solver: what holds for any weights. How well it does is in docs/networks.md."""
+"""The unrolled solver: what holds for any weights. How well it does is in docs/notes/networks.md."""
 
 from types import SimpleNamespace
 
