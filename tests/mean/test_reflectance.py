@@ -185,7 +185,7 @@ def test_errors_of_few_paths_hold_the_truth(monkeypatch):
 
     def coverage() -> float:
         runs = (sg.reflectance_transmittance(layers, paths=25, seed=seed, threads=1) for seed in range(800))
-        return np.mean([abs(run.transmittance - truth) <= 1.96 * run.transmittance_error for run in runs])
+        return float(np.mean([abs(run.transmittance - truth) <= 1.96 * run.transmittance_error for run in runs]))
 
     least = 0.93 - zscore.limit() * np.sqrt(0.93 * 0.07 / 800)
     assert coverage() > least
