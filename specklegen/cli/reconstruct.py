@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 def reconstruct(
     reading: FrameOptions,
-    images: list[Path] = argument(..., "Camera images: TIFF, PNG, BMP, NPY, HDF5, MATLAB.", metavar="IMAGE..."),
+    images: list[Path] = argument(
+        ..., "Camera images: TIFF, PNG, BMP, NPY, SPE, AVI, MKV, MOV, HDF5, MATLAB.", metavar="IMAGE..."
+    ),
     setup: str = option(
         ..., "Your setup: a recipe with hidden objects, packaged or as TOML (window, camera, slab, object pitch).",
         autocompletion=names_starting_with,
@@ -127,18 +129,19 @@ def _measured(path: Path, read: "Callable[..., Measurement]", notes: list[str]) 
     if suffix not in (*FRAME_FILES, *SUFFIXES):
         known = ", ".join(sorted({*FRAME_FILES, *SUFFIXES}))
         reject("reconstruct IMAGE", f"a file that ends in {known}", str(path))
-    found = None
+    found, refused = None, ""
     try:
         if suffix in FRAME_FILES:
             found = read(path)
     except RuleError as error:
         if suffix not in SUFFIXES or not str(error).startswith("read_measurement source"):
             reject("reconstruct IMAGE", "frames that can be read", str(path), str(error))
+        refused = str(error)
     try:
         if found is None:
             found = read(read_grey(path))  # of colours, perhaps
     except (OSError, ValueError) as error:
-        reject("reconstruct IMAGE", "a picture that can be read", str(path), f"It cannot: {error}.")
+        reject("reconstruct IMAGE", "a picture that can be read", str(path), refused or f"It cannot: {error}.")
     found.require_speckle(f"reconstruct IMAGE {path}")
     notes.extend(f"{path.name}: {doubt}" for doubt in found.doubts)
     if found.envelope is not None and found.envelope_order != 0:

@@ -41,8 +41,11 @@ def retrieve(
     Image.fromarray(np.kron(picture, np.ones((4, 4), np.uint8))).save(out)
     np.save(out.with_suffix(".npy"), found.image)
     if as_json:
-        echo_json({name: getattr(found, name) for name in ("grain", "extent", "pixel", "noise", "taper", "error")})
+        numbers = {name: getattr(found, name) for name in ("grain", "extent", "pixel", "noise", "taper", "error")}
+        echo_json(numbers | {"doubts": found.measured.doubts})
         return
     for name, value in found.facts().items():
         typer.echo(f"{name}: {value}")
+    for doubt in found.measured.doubts:
+        typer.echo(f"doubt: {doubt}")
     typer.echo(f"{out}, {out.with_suffix('.npy')}")

@@ -118,10 +118,14 @@ def test_pages_of_other_patterns_need_the_option(setup, tmp_path):
     (["one.tiff", "small.npy", "--setup", "setup.toml"], "of one size"),
     (["setup.toml", "--setup", "setup.toml"], "a file that ends in"),
     (["missing.png", "--setup", "setup.toml"], "a picture that can be read"),
+    (["bright.tif", "--setup", "setup.toml"], "must be brighter than the black level"),
     (["one.tiff", "--setup", "unknown-slab"], r"setup window\.width must be a length"),
     (["one.tiff", "--setup", "tilt-stack"], "one with hidden objects"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused(setup, tmp_path, words, message):
+    bright = np.zeros((2, 96, 96), np.uint16)
+    bright[:, 5, 7] = 60000
+    tifffile.imwrite(setup / "bright.tif", bright, photometric="minisblack")
     given = [setup / word if (setup / word).exists() or word == "missing.png" else word for word in words]
     result = run("reconstruct", *given, "--out", tmp_path)
     assert isinstance(result.exception, RuleError), result.output

@@ -72,6 +72,15 @@ def test_command(tmp_path):
     assert (tmp_path / "new" / "seen.png").exists()
 
 
+def test_a_command_doubts_saturated_images(tmp_path):
+    image = seen()[0]
+    np.save(tmp_path / "frame.npy", np.minimum(4095 * image / np.median(image), 4095).astype(np.uint16))
+    asked = ["retrieve", str(tmp_path / "frame.npy"), "--restarts", "1", "--out", str(tmp_path / "seen.png")]
+    done = CliRunner().invoke(app, asked)
+    assert done.exit_code == 0, done.output
+    assert "doubt: 47 % of pixels saturated" in done.output
+
+
 def test_refusals():
     image = seen()[0]
     assert_refused(lambda: retrieve_image(image[:20]), "at least 32")
