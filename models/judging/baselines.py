@@ -161,7 +161,7 @@ def on_even_light(method: Method) -> Method:
 
     Light that falls off over a camera, by 5 to 34 % (rms) in the task "waves", is no part of the likelihood: its
     leakage passes for signal at all frequencies. Where the evidence is for even light nothing is changed;
-    but wide objects pass for an envelope now and then (docs/benchmark.md).
+    but wide objects pass for an envelope now and then (docs/notes/benchmark.md).
     """
 
     def seen(batch: Batch) -> Tensor:
