@@ -136,7 +136,7 @@ def test_a_recipe_on_a_page_is_one(block, setup, monkeypatch):
 
 
 def test_every_recipe_stands_on_its_page():
-    page = (ROOT / "docs" / "recipes.md").read_text()
+    page = (ROOT / "docs" / "packaged.md").read_text()
     assert set(re.findall(r"^\| `([a-z-]+)` \| [a-z-]+ \|", page, re.MULTILINE)) == set(recipe_names())
 
 

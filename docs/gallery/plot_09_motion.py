@@ -3,7 +3,7 @@ Motion
 ======
 
 A slab changes while a camera films: eight frames of one character, whose speckle decorrelates from frame to frame by an
-assumed law, an autoregression. No medium obeys it: scatterers in motion change long paths first (docs/recipes.md,
+assumed law, an autoregression. No medium obeys it: scatterers in motion change long paths first (docs/kinds.md,
 Films).
 """
 

@@ -37,7 +37,7 @@ class Window(Value):
 
 LEAST_PIXELS = 1.6
 """Camera pixels per speckle grain, at least: from there on camera noise can be read off an image behind a disc, and
-phase retrieval and the solver reconstruct as well as at 2.5 (docs/recipes.md)."""
+phase retrieval and the solver reconstruct as well as at 2.5 (docs/notes/recipes.md)."""
 LEAST_POINTS = 2.0
 """The same of pixels without an area, of which fewer undersample the speckle."""
 
