@@ -102,6 +102,29 @@ for name, pair in channels.items():
 print(f"half space, all light: {1 + added[0, 0] / seen[0, 0]:.4f}")
 
 # %%
+# Thick slabs that absorb nothing, by radiative transfer: Hopf's constant from transmittances at two depths, the law of
+# darkening towards the limb of light that leaves behind, and Rayleigh particles' polarisation at the limb.
+passes = {depth: adding_doubling(depth, albedo=1.0, g=0.0, nodes=32).transmittance for depth in (20.0, 40.0)}
+(one, two), (first, second) = passes, passes.values()
+print(f"Hopf's constant: {(one * first - two * second) / 2 / (second - first):.4f}")
+limb = {mu: adding_doubling(20.0, albedo=1.0, g=0.0, nodes=32, view=mu).transmitted / mu for mu in (1.0, 0.8, 0.5, 0.2)}
+print("radiance over that along the axis:", {mu: round(light / limb[1.0], 4) for mu, light in limb.items()})
+steep = vector_adding_doubling(20.0, rayleigh, views=(1e-4,), nodes=32).transmitted[0, 0, :, 0]
+print(f"polarisation at the limb: {-steep[1] / steep[0]:.4f}")
+
+# %%
+# Light sent back by moving particles is forgotten as exp(-gamma sqrt(6 tau / tau0)), tau0 = 1 / (D k^2). Seen along the
+# light's polarisation, spheres far smaller than the wavelength have gamma 1.6 in print: here with and without a face.
+root = np.array([0.1, 0.2, 0.3, 0.5, 0.7])
+for index in (1.0, 1.33):
+    deep = sg.Slab(thickness=150.0, mean_free_path=1.0, scatterer=sg.Rayleigh(), polarisation="vector",
+                   motion=sg.Brownian(diffusion=1.0), faces=sg.Faces(inside=index))  # fmt: skip
+    for channel in ("co", "crossed"):
+        curve = sg.temporal_correlation(deep, wavelength=wavelength, lags=root**2 / 6 * (wavelength / 2 / np.pi) ** 2,
+                                        mode="reflection", channel=channel, paths=20_000, reverse=False)  # fmt: skip
+        print(f"index {index:g}, {channel}: gamma {-np.polyfit(root, np.log(curve.field.real), 1)[0]:.2f}")
+
+# %%
 # Jacques, Roman and Lee (Lasers Surg. Med. 26, 119, 2000) gave suspensions, skin, muscle and liver a polarisation
 # diffusivity chi in rad^2 a mean free path. If the angle has the variance chi tau, light keeps P = exp(-2 chi tau).
 for g, nodes in ((0.0, 8), (0.5, 12), (0.8, 24)):
