@@ -166,7 +166,7 @@ def test_samples_of_a_cache_are_batched_as_ever(tmp_path):
 
 
 def test_lightning_sees_new_samples_each_epoch_and_resumes(tmp_path):
-    """The example of docs/datasets.md: two epochs, stopped inside the second, and resumed."""
+    """The example of docs/streaming.md: two epochs, stopped inside the second, and resumed."""
     lightning = pytest.importorskip("lightning", reason="the extra lightning is not installed")
 
     class Seeing(lightning.LightningModule):
