@@ -1,6 +1,7 @@
 """Sphinx: the pages of this folder, the API from docstrings, and a gallery of scripts that run."""
 
 import importlib
+import inspect
 import os
 import re
 import shutil
@@ -14,6 +15,7 @@ sys.path[:0] = [str(ROOT), str(DOCS)]
 import gallery_notebooks  # noqa: E402
 
 import specklegen  # noqa: E402
+from specklegen import SUBJECTS  # noqa: E402
 
 project = "specklegen"
 copyright = "the specklegen developers"  # noqa: A001
@@ -89,7 +91,8 @@ _OUTSIDE = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "LICE
 """Files of the repository's root that are pages of the site too, in the folder project/."""
 
 
-PACKAGES = ("", ".datasets", ".models", ".coherence", ".instrument", ".measured", ".wavetracing", ".fdtd")
+PACKAGES = ("", *(f".{name}" for name in SUBJECTS), ".datasets", ".models", ".instrument", ".measured",
+            ".wavetracing", ".fdtd")
 """Packages whose names are public; all of ``specklegen.materials`` is on the page of that name."""
 
 
@@ -109,7 +112,8 @@ def reference() -> str:
     text, told = "Every public name\n=================\n", set()
     for package in (f"specklegen{name}" for name in PACKAGES):
         module = importlib.import_module(package)
-        own = [name for name in sorted(module.__all__) if (name, id(getattr(module, name))) not in told]
+        own = [name for name in sorted(module.__all__)
+               if (name, id(getattr(module, name))) not in told and not inspect.ismodule(getattr(module, name))]
         told |= {(name, id(getattr(module, name))) for name in own}  # what two packages hand out has one page
         names = "\n".join(f"   {name}" for name in own)
         text += f"\n{package}\n{'-' * len(package)}\n\n.. currentmodule:: {package}\n"

@@ -13,4 +13,4 @@ if __name__ == "models":
 
 _MOVED = {"reconstruct_and_assess": "specklegen.models.reconstruct"}
 
-__getattr__, __dir__, __all__ = lazy_names(__name__, __file__, _MOVED)
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__, _MOVED.get)

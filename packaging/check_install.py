@@ -20,15 +20,16 @@ CORE = """
 import numpy as np, specklegen as sg
 from importlib.metadata import version
 assert version("specklegen-torch") == sg.__version__
-slab = sg.Slab(thickness=100.0, mean_free_path=50.0, scatterer=sg.HenyeyGreenstein(0.5))
+slab = sg.Slab(thickness=100.0, mean_free_path=50.0, scatterer=sg.media.HenyeyGreenstein(0.5))
 scene = sg.Scene(
-    wavelength=0.5, medium=slab, illumination=sg.CollimatedBeams.tilts([0.0, 1e-5], width=1000.0),
-    sensor=sg.FarField.grid((12, 13), 1e-4),
+    wavelength=0.5, medium=slab, illumination=sg.light.CollimatedBeams.tilts([0.0, 1e-5], width=1000.0),
+    sensor=sg.sensors.FarField.grid((12, 13), 1e-4),
 )
 assert sg.plan(scene, paths=64).explain()
 assert sg.render(scene, paths=64, sampler="paths").field.shape == (2, 12, 13)
 assert sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 1e-3], paths=128).intensity[0] == 1
-assert sg.covariance(scene.replace(sensor=sg.FarField(scene.views[:3])), paths=64).value.shape == (2, 3, 2, 3)
+assert sg.statistics.covariance(scene.replace(sensor=sg.sensors.FarField(scene.views[:3])),
+                                paths=64).value.shape == (2, 3, 2, 3)
 from specklegen.datasets import load_recipe, recipe_names
 assert len([load_recipe(name) for name in recipe_names()]) >= 10
 print(sg.__file__)

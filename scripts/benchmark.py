@@ -43,7 +43,7 @@ from specklegen.synthesis.stacks import stack_sampler
 PATHS = 100_000
 WIDTH = 1e5
 BOUNDS = {"box": 100, "16^3 voxels": 300}  # nanoseconds an event of walks in one direction
-MEDIUM = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.9))
+MEDIUM = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.media.HenyeyGreenstein(g=0.9))
 
 
 def example(*, views: int = 101, tilts: int = 5, width: float = WIDTH, side: Side = "transmission"):
@@ -51,8 +51,8 @@ def example(*, views: int = 101, tilts: int = 5, width: float = WIDTH, side: Sid
     return sg.Scene(
         wavelength=1.0,
         medium=MEDIUM,
-        illumination=sg.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(tilts), width=width),
-        sensor=sg.FarField.grid(shape=(views, views), pitch=float(np.deg2rad(0.000125)), side=side),
+        illumination=sg.light.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(tilts), width=width),
+        sensor=sg.sensors.FarField.grid(shape=(views, views), pitch=float(np.deg2rad(0.000125)), side=side),
     )
 
 
@@ -136,7 +136,7 @@ def path_rows(repeats: int, naive_paths: int) -> list[Row]:
     ]
 
 
-def field_error(made: sg.Plan) -> float:
+def field_error(made: sg.results.Plan) -> float:
     """Relative root mean square difference of the NUFFT's field from the direct sum, at 64 views of the grid."""
     assert made.summation == "nufft"
     tracer, nufft = made.chosen.tracer, made.chosen.nufft
@@ -151,18 +151,18 @@ def field_error(made: sg.Plan) -> float:
 
 def volume_rows(repeats: int) -> list[Row]:
     """Paths through a box and 16^3 voxels of Henyey-Greenstein scatterers (g = 0.9, 10 free paths deep)."""
-    scatterer = sg.HenyeyGreenstein(g=0.9)
+    scatterer = sg.media.HenyeyGreenstein(g=0.9)
     corners = {"lower": np.array([-50, -50, 0]), "upper": np.array([50, 50, 100])}
     extinction = 0.1 * np.random.default_rng(0).uniform(0.5, 1.5, (16, 16, 16))
     media = {
-        "box": sg.Box(**corners, mean_free_path=10.0, scatterer=scatterer),
-        "16^3 voxels": sg.VoxelGrid(**corners, extinction=extinction, scatterers=(scatterer,)),
+        "box": sg.media.Box(**corners, mean_free_path=10.0, scatterer=scatterer),
+        "16^3 voxels": sg.media.VoxelGrid(**corners, extinction=extinction, scatterers=(scatterer,)),
     }
     rows = []
     for name, medium in media.items():
         scene = sg.Scene(
-            wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, 0.002], width=40.0),
-            sensor=sg.FarField.grid((32, 32), 1e-3),
+            wavelength=1.0, medium=medium, illumination=sg.light.CollimatedBeams.tilts([0.0, 0.002], width=40.0),
+            sensor=sg.sensors.FarField.grid((32, 32), 1e-3),
         )  # fmt: skip
         for reverse in (False, True):
             tracer = volume_tracer(scene, reverse)
@@ -195,17 +195,18 @@ def stationary_rows(repeats: int) -> list[Row]:
 
 def motion_rows(repeats: int) -> list[Row]:
     """What particles that move add: to tracing, to a curve in time, to a film of eight frames."""
-    moving = MEDIUM.replace(motion=sg.Brownian(diffusion=1.0))
+    moving = MEDIUM.replace(motion=sg.media.Brownian(diffusion=1.0))
     still, turning = axial_tracer(MEDIUM), axial_tracer(MEDIUM, True)
     lags, tilts = np.linspace(0, 0.02, 25), np.linspace(0, 5e-4, 25)
     beams = {"width": WIDTH, "profile": "square"}
     pitch = float(np.deg2rad(0.000125))
 
-    def scene(light: sg.CollimatedBeams) -> sg.Scene:
-        return sg.Scene(wavelength=1.0, medium=moving, illumination=light, sensor=sg.FarField.grid((101, 101), pitch))
+    def scene(light: sg.light.CollimatedBeams) -> sg.Scene:
+        return sg.Scene(wavelength=1.0, medium=moving, illumination=light,
+                        sensor=sg.sensors.FarField.grid((101, 101), pitch))
 
-    film = scene(sg.CollimatedBeams.tilts(np.zeros(8), times=0.01 * np.arange(8), **beams))
-    one = scene(sg.CollimatedBeams.tilts([0.0], **beams))
+    film = scene(sg.light.CollimatedBeams.tilts(np.zeros(8), times=0.01 * np.arange(8), **beams))
+    one = scene(sg.light.CollimatedBeams.tilts([0.0], **beams))
 
     def drawn(of: sg.Scene, seed: int, count: int) -> None:
         sg.render(of, paths=2000, sampler="stationary", seed=seed, realizations=count, threads=1)
@@ -215,7 +216,7 @@ def motion_rows(repeats: int) -> list[Row]:
         lambda n: still.trace(n, PATHS, threads=1),
         lambda n: turning.trace(n, PATHS, threads=1),
         lambda n: sg.memory_effect(MEDIUM, wavelength=1.0, tilts=tilts, paths=PATHS, seed=n, threads=1),
-        lambda n: sg.temporal_correlation(moving, wavelength=1.0, lags=lags, paths=PATHS, seed=n, threads=1),
+        lambda n: sg.statistics.temporal_correlation(moving, wavelength=1.0, lags=lags, paths=PATHS, seed=n, threads=1),
         lambda n: drawn(film, n, few), lambda n: drawn(film, n, many),
         lambda n: drawn(one, n, 8 * few), lambda n: drawn(one, n, 8 * many),
         repeats=repeats,
@@ -238,12 +239,12 @@ def lens_rows(repeats: int) -> list[Row]:
 
     The lens takes a grid of n x n directions and makes n x n pixels of it; beside it stands a far field of n x n views.
     """
-    medium = sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(g=0.9))
+    medium = sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(g=0.9))
     rows, paths = [], PATHS // 5
     for aperture, tilts in ((0.2, 4), (0.4, 4), (0.2, 16)):
-        light = sg.CollimatedBeams.tilts(1e-3 * np.arange(tilts), width=200.0)
+        light = sg.light.CollimatedBeams.tilts(1e-3 * np.arange(tilts), width=200.0)
         views = int(np.ceil(4 * aperture * light.width))  # half a grain of the far field apart, which it asks for
-        camera = sg.Imaging(
+        camera = sg.sensors.Imaging(
             shape=(views, views), pitch=1 / (4 * aperture), aperture=aperture, focus=-10.0, views=views
         )  # fmt: skip
         seen = sg.Scene(wavelength=1.0, medium=medium, illumination=light, sensor=camera)
@@ -265,7 +266,7 @@ def object_seconds(
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Seconds for ``times`` images of objects (35 % filled) over half a memory-effect range, and the modes used."""
     extent = 0.5 * correlation.half_range() / (2 * np.pi)  # direction sine of the full side, wavelength 1
-    camera = sg.FarField.grid(shape=(128, 128), pitch=0.5 / WIDTH)
+    camera = sg.sensors.FarField.grid(shape=(128, 128), pitch=0.5 / WIDTH)
     imaging = object_imaging(
         correlation, wavelength=1.0, object_shape=(28, 28), object_pitch=extent / 28, width=WIDTH, grid=camera
     )

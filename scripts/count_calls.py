@@ -85,9 +85,9 @@ def scene(thickness: float = 1000.0) -> sg.Scene:
     """Return the scene of the README, or one of another thickness."""
     return sg.Scene(
         wavelength=0.5,
-        medium=sg.Slab(thickness=thickness, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9)),
-        illumination=sg.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(5), width=50_000.0),
-        sensor=sg.FarField.grid(shape=(101, 101), pitch=2.2e-6),
+        medium=sg.Slab(thickness=thickness, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(0.9)),
+        illumination=sg.light.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(5), width=50_000.0),
+        sensor=sg.sensors.FarField.grid(shape=(101, 101), pitch=2.2e-6),
     )
 
 

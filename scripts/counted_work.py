@@ -104,9 +104,10 @@ def slab(thickness: float = 2000.0, tilts: int = 5, side: Any = "transmission", 
     """The slab of the README, or like it."""
     return sg.Scene(
         wavelength=1.0,
-        medium=sg.Slab(thickness=thickness, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(0.9)),
-        illumination=sg.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(tilts) / max(1, tilts / 5), width=1e5),
-        sensor=sg.FarField.grid((views, views), float(np.deg2rad(0.000125)), side=side),
+        medium=sg.Slab(thickness=thickness, mean_free_path=200.0, scatterer=sg.media.HenyeyGreenstein(0.9)),
+        illumination=sg.light.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(tilts) / max(1, tilts / 5),
+                                                    width=1e5),
+        sensor=sg.sensors.FarField.grid((views, views), float(np.deg2rad(0.000125)), side=side),
     )
 
 
@@ -114,16 +115,17 @@ def hidden() -> sg.Scene:
     """An object of 28 x 28 pixels behind that slab."""
     brightness = np.zeros((28, 28))
     brightness[8:20, 10:18] = 1
-    light = sg.IncoherentObject(brightness=brightness, pitch=2e-6, width=5e4)
-    return slab().replace(illumination=light, sensor=sg.FarField.grid((128, 128), 1e-5))
+    light = sg.light.IncoherentObject(brightness=brightness, pitch=2e-6, width=5e4)
+    return slab().replace(illumination=light, sensor=sg.sensors.FarField.grid((128, 128), 1e-5))
 
 
 def walled(medium: Any, near: bool = False) -> sg.Scene:
     """A body with sides, lit and seen aslant."""
     angles = np.linspace(0.1, 0.5, 8)
     aside = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=-1)
-    sensor = sg.NearField(points=60 * aside) if near else sg.FarField(directions=aside)
-    return sg.Scene(wavelength=1.0, medium=medium, illumination=sg.PlaneWaves(directions=aside[:3]), sensor=sensor)
+    sensor = sg.sensors.NearField(points=60 * aside) if near else sg.sensors.FarField(directions=aside)
+    return sg.Scene(wavelength=1.0, medium=medium, illumination=sg.light.PlaneWaves(directions=aside[:3]),
+                    sensor=sensor)
 
 
 def rendered(scene: sg.Scene, paths: int, sampler: str = "paths") -> Job:
@@ -140,10 +142,10 @@ def sampled(name: str) -> Job:
 def jobs() -> dict[str, Job]:
     """All of them, by name."""
     corners = {"lower": [-20.0] * 3, "upper": [20.0] * 3}
-    lobe = sg.HenyeyGreenstein(0.8)
-    box = sg.Box(**corners, mean_free_path=20.0, scatterer=lobe)
+    lobe = sg.media.HenyeyGreenstein(0.8)
+    box = sg.media.Box(**corners, mean_free_path=20.0, scatterer=lobe)
     extinction = np.linspace(0.2, 1, 64).reshape(4, 4, 4) / 20
-    voxels = sg.VoxelGrid(**corners, extinction=extinction, scatterers=(lobe,))
+    voxels = sg.media.VoxelGrid(**corners, extinction=extinction, scatterers=(lobe,))
     return {
         "slab, path sums": rendered(slab(), 10_000),
         "slab, backscattered": rendered(slab(side="reflection", views=17), 1000),

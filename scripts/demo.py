@@ -159,7 +159,7 @@ def memory_effect(out: Path) -> None:
     tilts = np.deg2rad(np.linspace(0, 0.04, 33))
     curves = {}
     for g in (0.0, 0.9):
-        slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g=g))
+        slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(g=g))
         begin = time.perf_counter()
         curves[f"g = {g:g}"] = sg.memory_effect(slab, wavelength=0.5, tilts=tilts, paths=200_000, seed=0)
         error = np.nanmax(curves[f"g = {g:g}"].standard_error)

@@ -59,10 +59,11 @@ class Found(NamedTuple):
 
 def scene_of(thickness: float, mean_free_path: float, depth: float, waist: float) -> sg.Scene:
     """One focus on the axis of a slab, seen straight ahead."""
-    lobe = sg.VonMisesFisher(CONCENTRATION)
+    lobe = sg.media.VonMisesFisher(CONCENTRATION)
     return sg.Scene(
         wavelength=1.0, medium=sg.Slab(thickness=thickness, mean_free_path=mean_free_path, scatterer=lobe),
-        illumination=sg.FocusedBeams([[0.0, 0.0, depth]], waist=waist), sensor=sg.FarField([[0.0, 0.0, 1.0]]),
+        illumination=sg.light.FocusedBeams([[0.0, 0.0, depth]], waist=waist),
+        sensor=sg.sensors.FarField([[0.0, 0.0, 1.0]]),
     )  # fmt: skip
 
 

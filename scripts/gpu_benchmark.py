@@ -31,7 +31,7 @@ from specklegen.synthesis.objects import object_imaging, object_media
 from specklegen.synthesis.stacks import stack_sampler
 
 WIDTH = 1e5
-MEDIUM = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(g=0.9))
+MEDIUM = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.media.HenyeyGreenstein(g=0.9))
 
 
 class Wrong(Exception):
@@ -82,8 +82,8 @@ def stationary(correlation: MemoryEffectCorrelation, device: torch.device, repea
     """Stacks of five tilts and 101 x 101 views."""
     scene = sg.Scene(
         wavelength=1.0, medium=MEDIUM,
-        illumination=sg.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(5), width=WIDTH),
-        sensor=sg.FarField.grid((101, 101), pitch=float(np.deg2rad(0.000125))),
+        illumination=sg.light.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(5), width=WIDTH),
+        sensor=sg.sensors.FarField.grid((101, 101), pitch=float(np.deg2rad(0.000125))),
     )  # fmt: skip
     sampler = stack_sampler(scene, correlation, device=device)
     error = agreement(sampler.sample(0), stack_sampler(scene, correlation).sample(0), 1e-4)
@@ -106,7 +106,7 @@ def stationary(correlation: MemoryEffectCorrelation, device: torch.device, repea
 def hidden_objects(correlation: MemoryEffectCorrelation, device: torch.device, repeats: int) -> dict[str, float]:
     """Images of 28 x 28 objects over half a memory-effect range on 128 x 128 views, a fresh medium each."""
     pitch = 0.5 * correlation.half_range() / (2 * np.pi) / 28
-    camera = sg.FarField.grid((128, 128), pitch=0.5 / WIDTH)
+    camera = sg.sensors.FarField.grid((128, 128), pitch=0.5 / WIDTH)
     arguments = {"wavelength": 1.0, "object_shape": (28, 28), "object_pitch": pitch, "width": WIDTH, "grid": camera}
     imaging, plain = object_imaging(correlation, device=device, **arguments), object_imaging(correlation, **arguments)
     picture = np.random.default_rng(0).random((28, 28))
@@ -251,7 +251,7 @@ def naive(correlation: MemoryEffectCorrelation, device: torch.device, repeats: i
             total += (light[part, None, None] * seen).sum(0)
         return total / (light.sum() * cells**2)
 
-    camera = sg.FarField.grid((views, views), pitch=cells / (views * width))
+    camera = sg.sensors.FarField.grid((views, views), pitch=cells / (views * width))
     imaging = object_imaging(
         correlation, wavelength=1.0, object_shape=(side, side), object_pitch=pitch, width=width, grid=camera
     )

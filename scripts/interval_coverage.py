@@ -25,7 +25,7 @@ TRUE_PATHS = 1_000_000
 
 def slab_of(g: float, depth: float) -> sg.Slab:
     """Make a slab of the table."""
-    return sg.Slab(thickness=THICKNESS, mean_free_path=THICKNESS / depth, scatterer=sg.HenyeyGreenstein(g))
+    return sg.Slab(thickness=THICKNESS, mean_free_path=THICKNESS / depth, scatterer=sg.media.HenyeyGreenstein(g))
 
 
 def truth_of(slab: sg.Slab, runs: int) -> tuple[np.ndarray, np.ndarray]:

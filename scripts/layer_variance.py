@@ -101,7 +101,7 @@ def literal(depths, g, mode: str, polarised: bool, seed: int) -> tuple[float, fl
 def ours(depths, g, mode: str, polarised: bool, seed: int) -> tuple[float, float]:
     """The same of the engine."""
     layers = [
-        sg.Layer(thickness=THICKNESS, mean_free_path=THICKNESS / depth, scatterer=sg.HenyeyGreenstein(each))
+        sg.media.Layer(thickness=THICKNESS, mean_free_path=THICKNESS / depth, scatterer=sg.media.HenyeyGreenstein(each))
         for depth, each in zip(depths, g, strict=True)
     ]
     medium = sg.Layers(layers, polarisation="projector" if polarised else "scalar")

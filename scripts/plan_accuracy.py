@@ -38,13 +38,13 @@ REPEATS = 3
 
 def slab(g: float = 0.9, optical_depth: float = 10.0) -> sg.Slab:
     """A slab of 2000 wavelengths."""
-    scatterer = sg.HenyeyGreenstein(g=g) if g else sg.Isotropic()
+    scatterer = sg.media.HenyeyGreenstein(g=g) if g else sg.media.Isotropic()
     return sg.Slab(thickness=2000.0, mean_free_path=2000.0 / optical_depth, scatterer=scatterer)
 
 
-def beams(tilts: int = 5, width: float = 1e5) -> sg.CollimatedBeams:
+def beams(tilts: int = 5, width: float = 1e5) -> sg.light.CollimatedBeams:
     """Tilts a twentieth of a mrad apart."""
-    return sg.CollimatedBeams.tilts(4e-5 * np.arange(tilts), width=width)
+    return sg.light.CollimatedBeams.tilts(4e-5 * np.arange(tilts), width=width)
 
 
 def scene(medium: Any, light: Any, sensor: Any) -> sg.Scene:
@@ -54,26 +54,27 @@ def scene(medium: Any, light: Any, sensor: Any) -> sg.Scene:
 
 def grid(views: int = 101, **where: Any) -> Any:
     """Views at 0.22 of a grain of the widest beam."""
-    return sg.FarField.grid(shape=(views, views), pitch=2.2e-6, **where)
+    return sg.sensors.FarField.grid(shape=(views, views), pitch=2.2e-6, **where)
 
 
-def fan(count: int, reach: float = 0.7) -> sg.FarField:
+def fan(count: int, reach: float = 0.7) -> sg.sensors.FarField:
     """Directions up to ``reach`` along a diagonal."""
     sines = np.linspace(-reach, reach, count)[:, None] * [0.8, 0.6]
-    return sg.FarField(directions=directions_of_sines("fan", sines))
+    return sg.sensors.FarField(directions=directions_of_sines("fan", sines))
 
 
-def box(size: float, dimension: int, depth: float = 3.0, **changes: Any) -> sg.Box:
+def box(size: float, dimension: int, depth: float = 3.0, **changes: Any) -> sg.media.Box:
     """A box of ``size`` wavelengths along every axis."""
     corner = np.full(dimension, size / 2)
-    fields: dict[str, Any] = {"mean_free_path": size / depth, "scatterer": sg.HenyeyGreenstein(g=0.5)}
-    return sg.Box(lower=-corner, upper=corner, **(fields | changes))
+    fields: dict[str, Any] = {"mean_free_path": size / depth, "scatterer": sg.media.HenyeyGreenstein(g=0.5)}
+    return sg.media.Box(lower=-corner, upper=corner, **(fields | changes))
 
 
-def voxels() -> sg.VoxelGrid:
+def voxels() -> sg.media.VoxelGrid:
     """16 x 16 x 16 voxels."""
     density = np.random.default_rng(0).random((16, 16, 16)) / 20
-    return sg.VoxelGrid(lower=[-50.0] * 3, upper=[50.0] * 3, extinction=density, scatterers=(sg.Isotropic(),))
+    return sg.media.VoxelGrid(lower=[-50.0] * 3, upper=[50.0] * 3, extinction=density,
+                              scatterers=(sg.media.Isotropic(),))
 
 
 Case = tuple[Callable[[], sg.Scene], dict[str, Any]]
@@ -86,7 +87,7 @@ CASES: dict[str, Case] = {
     "NUFFT to 1e-6": (lambda: scene(slab(), beams(2), grid()), PATHS | {"paths": 100_000, "field_tolerance": 1e-6}),
     "NUFFT, thin slab": (lambda: scene(slab(0.9, 1.0), beams(3), grid(64)), PATHS | {"paths": 300_000}),
     "direct, wide field": (
-        lambda: scene(slab(), beams(3, 100.0), sg.FarField.grid(shape=(81, 81), pitch=5e-3)),
+        lambda: scene(slab(), beams(3, 100.0), sg.sensors.FarField.grid(shape=(81, 81), pitch=5e-3)),
         PATHS | {"paths": 4000},
     ),
     "direct, 40 tilts": (lambda: scene(slab(), beams(40), fan(100)), PATHS | {"paths": 40_000}),
@@ -102,32 +103,37 @@ CASES: dict[str, Case] = {
         STATIONARY,
     ),
     "box in flatland": (
-        lambda: scene(box(20, 2), sg.PlaneWaves.tilts([0, 0.02, 0.1], dimensions=2), sg.FarField.angles(_circle(360))),
+        lambda: scene(box(20, 2), sg.light.PlaneWaves.tilts([0, 0.02, 0.1], dimensions=2),
+                      sg.sensors.FarField.angles(_circle(360))),
         {"paths": 10_000},
     ),
     "box in space, reversed off": (
-        lambda: scene(box(100, 3), sg.PlaneWaves.tilts([0, 0.02]), fan(200)), {"paths": 30_000, "reverse": False}
+        lambda: scene(box(100, 3), sg.light.PlaneWaves.tilts([0, 0.02]), fan(200)), {"paths": 30_000, "reverse": False}
     ),
-    "voxels": (lambda: scene(voxels(), sg.PlaneWaves.tilts([0, 0.02]), fan(50)), {"paths": 20_000}),
+    "voxels": (lambda: scene(voxels(), sg.light.PlaneWaves.tilts([0, 0.02]), fan(50)), {"paths": 20_000}),
     "near field": (
-        lambda: scene(box(50, 3), sg.PointSources(points=[[0, 0, -60.0]]), sg.NearField(points=_line(40))),
+        lambda: scene(box(50, 3), sg.light.PointSources(points=[[0, 0, -60.0]]),
+                      sg.sensors.NearField(points=_line(40))),
         {"paths": 5000},
     ),
     "mixture in a slab": (
         lambda: scene(
             slab().replace(
-                scatterer=sg.Mixture(types=(sg.Isotropic(), sg.HenyeyGreenstein(g=0.9)), fractions=(0.3, 0.7))
+                scatterer=sg.media.Mixture(types=(sg.media.Isotropic(), sg.media.HenyeyGreenstein(g=0.9)),
+                                           fractions=(0.3, 0.7))
             ),
             beams(3), grid(17),
         ),
         {"paths": 4000},
     ),
     "covariance": (
-        lambda: scene(box(20, 2), sg.PlaneWaves.tilts([0, 0.02], dimensions=2), sg.FarField.angles(_circle(120))),
+        lambda: scene(box(20, 2), sg.light.PlaneWaves.tilts([0, 0.02], dimensions=2),
+                      sg.sensors.FarField.angles(_circle(120))),
         {"paths": 10_000, "sampler": "covariance"},
     ),
     "covariance of few": (
-        lambda: scene(box(50, 3), sg.PlaneWaves.tilts([0, 0.02]), fan(10)), {"paths": 60_000, "sampler": "covariance"}
+        lambda: scene(box(50, 3), sg.light.PlaneWaves.tilts([0, 0.02]), fan(10)), {"paths": 60_000, "sampler":
+        "covariance"}
     ),
 }  # fmt: skip
 

@@ -39,7 +39,7 @@ class Report:
     Attributes
     ----------
     sampler, summation : str
-        As in :class:`specklegen.Plan`.
+        As in :class:`specklegen.results.Plan`.
     paths : int
         Paths traced a realization (or once for a medium, for the stationary sampler's correlation; 0 where it is from
         the atlas).
@@ -97,9 +97,10 @@ class SpeckleStack(Pictured, Labelled):
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
-    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
-    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.9))
+    >>> light = sg.light.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light,
+    ...                  sensor=sg.sensors.FarField.grid((16, 16), 2e-5))
     >>> stack = sg.render(scene, seed=0)
     >>> stack.field.shape, stack.intensity.dtype
     ((2, 16, 16), dtype('float32'))
@@ -200,7 +201,7 @@ def render(
         Medium, light and sensor, in one unit of length.
     budget
         Paths of each realization or an error, time for all of them, seed, threads and reversed paths
-        (:class:`specklegen.Budget`). ``rel_error`` is the root of the excess correlation of intensities that
+        (:class:`specklegen.results.Budget`). ``rel_error`` is the root of the excess correlation of intensities that
         too few paths leave in an image (:func:`specklegen.plan`), and the tolerance of "auto", which is 0.02
         otherwise. By default 100 000 paths.
     realizations
@@ -229,9 +230,10 @@ def render(
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
-    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
-    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.9))
+    >>> light = sg.light.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light,
+    ...                  sensor=sg.sensors.FarField.grid((16, 16), 2e-5))
     >>> stack = sg.render(scene, seed=0, realizations=3)
     >>> stack.field.shape  # media, tilts, rows, columns
     (3, 2, 16, 16)

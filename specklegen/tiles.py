@@ -1,6 +1,6 @@
 """Stacks too large for memory, piece by piece: the same paths, phases and noise as :func:`specklegen.render`.
 
-    for where, field in sg.render_tiles(scene, seed=0):
+    for where, field in sg.results.render_tiles(scene, seed=0):
         store[where] = field
 
 Path sums come in tiles of at most 512 x 512 views and sixteen tilts, stationary stacks tilt by tilt. A bank of paths
@@ -38,7 +38,7 @@ def render_tiles(
     scene
         Beams through a slab, seen on a regular far-field grid.
     budget
-        Paths or an error, seed, threads and reversed paths (:class:`specklegen.Budget`); ``rel_error`` as of
+        Paths or an error, seed, threads and reversed paths (:class:`specklegen.results.Budget`); ``rel_error`` as of
         :func:`specklegen.render`. By default 100 000 paths.
     realization
         Medium (seed, realization); None is that of :func:`specklegen.render` with ``realizations=None``, number 0.
@@ -67,10 +67,11 @@ def render_tiles(
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
-    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
-    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
-    >>> sum(piece.size for where, piece in sg.render_tiles(scene, seed=0))
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.9))
+    >>> light = sg.light.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light,
+    ...                  sensor=sg.sensors.FarField.grid((16, 16), 2e-5))
+    >>> sum(piece.size for where, piece in sg.results.render_tiles(scene, seed=0))
     512
     """
     obstacle = streaming_obstacle(instance("render_tiles scene", scene, Scene))
@@ -124,11 +125,12 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
     --------
     >>> import tempfile
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
-    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
-    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.9))
+    >>> light = sg.light.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light,
+    ...                  sensor=sg.sensors.FarField.grid((16, 16), 2e-5))
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     sg.render_to_zarr(scene, f"{folder}/stack.zarr", seed=0).shape
+    ...     sg.results.render_to_zarr(scene, f"{folder}/stack.zarr", seed=0).shape
     (2, 16, 16)
     """
     import zarr

@@ -2,10 +2,16 @@
 
 import importlib
 from dataclasses import is_dataclass
+from inspect import ismodule
 
-ROOMS = ("datasets", "models", "fdtd", "coherence", "instrument", "wavetracing")
+from specklegen import SUBJECTS
+
+ROOMS = (*SUBJECTS, "datasets", "models", "fdtd", "instrument", "wavetracing")
 PACKAGES = ("specklegen", *(f"specklegen.{name}" for name in ROOMS))
-NAMES = sorted({f"{package}.{name}" for package in PACKAGES for name in importlib.import_module(package).__all__})
+NAMES = sorted(
+    f"{package.__name__}.{name}" for package in map(importlib.import_module, PACKAGES) for name in package.__all__
+    if not ismodule(getattr(package, name)) or name == "materials"
+)  # fmt: skip
 
 
 def public(name: str) -> object:

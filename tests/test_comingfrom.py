@@ -6,10 +6,11 @@ import re
 import pytest
 from scenes import ROOT
 
+from specklegen import SUBJECTS
 from specklegen.datasets import recipe_names
 
 PAGE = (ROOT / "docs/comingfrom.md").read_text(encoding="utf-8")
-PACKAGES = ["", ".datasets", ".models", ".instrument", ".measured", ".wavetracing"]
+PACKAGES = ["", *(f".{name}" for name in SUBJECTS), ".datasets", ".models", ".instrument", ".measured", ".wavetracing"]
 ADAPTER = (ROOT / "specklegen/datasets/loading/deepinverse.py").read_text(encoding="utf-8")  # deepinv need not be here
 TOOLS = ["mcspeckle", "temporalSpecklesCode", "MCX", "deepinv", "DeepTrack2", "TorchOptics", "Chromatix", "Sionna RT",
          "PyLSCI"]  # fmt: skip

@@ -14,7 +14,10 @@ from typing import Any
 
 import pytest
 
-PACKAGES = ("", ".coherence", ".datasets", ".fdtd", ".instrument", ".materials", ".measured", ".models", ".wavetracing")
+from specklegen import SUBJECTS
+
+PACKAGES = ("", *(f".{name}" for name in SUBJECTS), ".datasets", ".fdtd", ".instrument", ".materials", ".measured",
+            ".models", ".wavetracing")  # fmt: skip
 SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}\n", re.MULTILINE)
 HEAD = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*)(?:\s*:\s*(.*))?$")
 POINTER = re.compile(r"see\b.*|as asked for.*|(?:[^.;:]*, )?as (?:in|of|for)\b[^.;:]*\.?", re.IGNORECASE)

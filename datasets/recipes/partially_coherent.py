@@ -75,7 +75,7 @@ class PartiallyCoherent(Recipe):
         return [self.view(slab) for slab in self.material.extremes()]
 
     def scene(self, slab: Slab) -> Scene:
-        """Scene of a slab under coherent light, for :func:`specklegen.render_partially_coherent`."""
+        """Scene of a slab under coherent light, for :func:`specklegen.coherence.render_partially_coherent`."""
         wavelength, width, profile = self._window
         beam = CollimatedBeams.tilts([0.0], width=width, profile=profile)
         return Scene(wavelength=wavelength, medium=slab, illumination=beam, sensor=self.geometry.grid)

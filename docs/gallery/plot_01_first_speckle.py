@@ -10,9 +10,9 @@ from matplotlib import pyplot as plt
 
 scene = sg.Scene(
     wavelength=0.5,  # inside the medium; all lengths in one unit, here micrometres
-    medium=sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9)),
-    illumination=sg.CollimatedBeams.tilts([0.0], width=50_000.0),
-    sensor=sg.FarField.grid(shape=(128, 128), pitch=2.2e-6),  # direction sines
+    medium=sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(0.9)),
+    illumination=sg.light.CollimatedBeams.tilts([0.0], width=50_000.0),
+    sensor=sg.sensors.FarField.grid(shape=(128, 128), pitch=2.2e-6),  # direction sines
 )
 scene.plot()
 

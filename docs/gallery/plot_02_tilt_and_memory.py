@@ -9,12 +9,12 @@ import numpy as np
 import specklegen as sg
 from matplotlib import pyplot as plt
 
-slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
+slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(0.9))
 scene = sg.Scene(
     wavelength=0.5,
     medium=slab,
-    illumination=sg.CollimatedBeams.tilts(np.deg2rad([0, 0.005, 0.01, 0.02, 0.04]), width=50_000.0),
-    sensor=sg.FarField.grid(shape=(96, 96), pitch=2.2e-6, center=(3e-4, 0.0)),
+    illumination=sg.light.CollimatedBeams.tilts(np.deg2rad([0, 0.005, 0.01, 0.02, 0.04]), width=50_000.0),
+    sensor=sg.sensors.FarField.grid(shape=(96, 96), pitch=2.2e-6, center=(3e-4, 0.0)),
 )
 stack = sg.render(scene, seed=1)
 stack.plot(label="five tilts of one medium")

@@ -11,9 +11,9 @@ import specklegen as sg
 from matplotlib import pyplot as plt
 
 scatterers = {
-    "Henyey-Greenstein, g = 0.9": sg.HenyeyGreenstein(0.9),
-    "von Mises-Fisher, g = 0.9": sg.VonMisesFisher(10.0),
-    "isotropic": sg.Isotropic(),
+    "Henyey-Greenstein, g = 0.9": sg.media.HenyeyGreenstein(0.9),
+    "von Mises-Fisher, g = 0.9": sg.media.VonMisesFisher(10.0),
+    "isotropic": sg.media.Isotropic(),
 }
 figure, (lobes, curves) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
 for label, scatterer in scatterers.items():

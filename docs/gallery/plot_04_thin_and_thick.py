@@ -13,7 +13,7 @@ from specklegen.theory.slab import memory_effect_diffusion
 
 axes = plt.subplots(layout="constrained")[1]
 for depth in (0.5, 2.0, 10.0):
-    slab = sg.Slab(thickness=100.0, mean_free_path=100.0 / depth, scatterer=sg.Isotropic())
+    slab = sg.Slab(thickness=100.0, mean_free_path=100.0 / depth, scatterer=sg.media.Isotropic())
     tilts = np.arcsin(np.linspace(0, 8, 25) / (2 * np.pi / 0.5 * slab.thickness))
     curve = sg.memory_effect(slab, wavelength=0.5, tilts=tilts, paths=100_000)
     curve.plot(axes, label=f"optical depth {depth:g}, single {curve.single_share:.2f}")

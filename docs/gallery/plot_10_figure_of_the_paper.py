@@ -14,11 +14,11 @@ from matplotlib import pyplot as plt
 degrees = [0, 1, 4, 20]
 scene = sg.Scene(
     wavelength=1.0,
-    medium=sg.Box(lower=[-10, -10], upper=[10, 10], mean_free_path=10.0, scatterer=sg.Isotropic()),
-    illumination=sg.PlaneWaves.tilts(np.deg2rad(degrees), dimensions=2),
-    sensor=sg.FarField.angles(np.deg2rad(np.arange(0, 360, 4))),
+    medium=sg.media.Box(lower=[-10, -10], upper=[10, 10], mean_free_path=10.0, scatterer=sg.media.Isotropic()),
+    illumination=sg.light.PlaneWaves.tilts(np.deg2rad(degrees), dimensions=2),
+    sensor=sg.sensors.FarField.angles(np.deg2rad(np.arange(0, 360, 4))),
 )
-cov = sg.covariance(scene, paths=4000)
+cov = sg.statistics.covariance(scene, paths=4000)
 print(cov)
 
 # %%

@@ -13,8 +13,8 @@ from matplotlib import pyplot as plt
 wavelength, width, tilt, side = 0.633, 20_000.0, 5e-4, 48
 glass = sg.GroundGlass(angle=0.1)
 named = {name: sg.materials.get(name, wavelength) for name in ("intralipid", "milk", "brain", "muscle", "skin")}
-media = {"ground glass": glass, "two glasses, 1 mm apart": sg.ScreenStack(screens=(glass, glass), gaps=(1000.0,)),
-         "eight glasses in 1 mm": sg.ScreenStack(screens=(glass,) * 8, gaps=(140.0,) * 7)}  # fmt: skip
+media = {"ground glass": glass, "two glasses, 1 mm apart": sg.media.ScreenStack(screens=(glass, glass), gaps=(1000.0,)),
+         "eight glasses in 1 mm": sg.media.ScreenStack(screens=(glass,) * 8, gaps=(140.0,) * 7)}  # fmt: skip
 media |= {name: material.slab(500.0, outside=None) for name, material in named.items()}
 
 pitch = 0.3 * wavelength / width
@@ -22,10 +22,10 @@ turned = round(np.sin(tilt) / pitch)
 figure, axes = plt.subplots(2, len(media), figsize=(12, 3.4), layout="constrained")
 for column, (name, medium) in zip(axes.T, media.items(), strict=True):
     inside = getattr(named.get(name), "wavelength", wavelength)
-    light = sg.CollimatedBeams.tilts([0.0, np.arcsin(turned * pitch)], width)
+    light = sg.light.CollimatedBeams.tilts([0.0, np.arcsin(turned * pitch)], width)
     scene = sg.Scene(
         wavelength=inside, medium=medium, illumination=light,
-        sensor=sg.FarField.grid((side, side + 2 * turned), pitch),
+        sensor=sg.sensors.FarField.grid((side, side + 2 * turned), pitch),
     )
     images = sg.render(scene, seed=1, paths=20_000).intensity
     here, there = images[0, :, turned : turned + side], images[1, :, 2 * turned : 2 * turned + side]

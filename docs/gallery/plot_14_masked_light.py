@@ -25,12 +25,13 @@ beams, modes = illumination_of(field, power=0.8)
 carried = np.square(np.abs(modes)).sum() / np.square(np.abs(field.values)).mean()
 print(f"{len(modes)} beams carry {carried:.0%} of the power")
 
-slab = sg.Slab(thickness=4.0, mean_free_path=2.0, scatterer=sg.HenyeyGreenstein(0.9))
-sensor = sg.FarField.grid((65, 65), 0.5 / 32 / 2)
+slab = sg.Slab(thickness=4.0, mean_free_path=2.0, scatterer=sg.media.HenyeyGreenstein(0.9))
+sensor = sg.sensors.FarField.grid((65, 65), 0.5 / 32 / 2)
 scene = sg.Scene(wavelength=0.5, medium=slab, illumination=beams, sensor=sensor)
 warnings.simplefilter("ignore", sg.DoubtWarning)  # fog of a few wavelengths: path sums lose some of the far correlation
 images = np.array([
-    np.abs(sg.transmission_matrix(scene, modes, paths=500, seed=n).value[:, 0].reshape(65, 65)) ** 2 for n in range(8)
+    np.abs(sg.statistics.transmission_matrix(scene, modes, paths=500, seed=n).value[:, 0].reshape(65, 65)) ** 2
+    for n in range(8)
 ])  # fmt: skip
 
 # %%

@@ -10,11 +10,11 @@ import numpy as np
 import specklegen as sg
 from matplotlib import pyplot as plt
 
-epidermis = sg.Layer(thickness=60.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.8))
-dermis = sg.Layer(thickness=240.0, mean_free_path=60.0, scatterer=sg.HenyeyGreenstein(0.9))
+epidermis = sg.media.Layer(thickness=60.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.8))
+dermis = sg.media.Layer(thickness=240.0, mean_free_path=60.0, scatterer=sg.media.HenyeyGreenstein(0.9))
 
 
-class Sediment(sg.Stratified):
+class Sediment(sg.media.Stratified):
     """Mean free paths that fall with depth: all that a medium needs is its layers."""
 
     thickness: float
@@ -25,7 +25,8 @@ class Sediment(sg.Stratified):
     def layers(self):
         share = self.thickness / 16
         paths = np.geomspace(self.top, self.bottom, 16)
-        return [sg.Layer(thickness=share, mean_free_path=path, scatterer=sg.HenyeyGreenstein(0.9)) for path in paths]
+        return [sg.media.Layer(thickness=share, mean_free_path=path, scatterer=sg.media.HenyeyGreenstein(0.9))
+                for path in paths]
 
 
 both = sg.Layers([epidermis, dermis])

@@ -11,7 +11,7 @@ import specklegen as sg
 from matplotlib import pyplot as plt
 
 
-class FibreRing(sg.Sensor):
+class FibreRing(sg.sensors.Sensor):
     """Fibres around the axis that all look at it under one angle."""
 
     sine: float
@@ -26,8 +26,8 @@ class FibreRing(sg.Sensor):
 
 scene = sg.Scene(
     wavelength=0.5,
-    medium=sg.Slab(thickness=100.0, mean_free_path=25.0, scatterer=sg.HenyeyGreenstein(0.8)),
-    illumination=sg.CollimatedBeams.tilts(np.linspace(0, 3e-3, 25), width=500.0),
+    medium=sg.Slab(thickness=100.0, mean_free_path=25.0, scatterer=sg.media.HenyeyGreenstein(0.8)),
+    illumination=sg.light.CollimatedBeams.tilts(np.linspace(0, 3e-3, 25), width=500.0),
     sensor=FibreRing(sine=0.05),
 )
 stack = sg.render(scene, paths=4000, seed=0)

@@ -11,9 +11,9 @@ from matplotlib import pyplot as plt
 
 scene = sg.Scene(
     wavelength=1.0,
-    medium=sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9)),
-    illumination=sg.CollimatedBeams.tilts([0.0], width=40.0),
-    sensor=sg.Imaging(shape=(80, 80), pitch=1.0, aperture=0.2, views=61),
+    medium=sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.9)),
+    illumination=sg.light.CollimatedBeams.tilts([0.0], width=40.0),
+    sensor=sg.sensors.Imaging(shape=(80, 80), pitch=1.0, aperture=0.2, views=61),
 )
 
 # %%

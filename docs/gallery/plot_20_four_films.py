@@ -12,10 +12,10 @@ import specklegen as sg
 from matplotlib import pyplot as plt
 from specklegen.core.display.plot import draw_images
 
-particles = sg.HenyeyGreenstein(0.9)
-slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=particles, motion=sg.Brownian(diffusion=1.0))
+particles = sg.media.HenyeyGreenstein(0.9)
+slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=particles, motion=sg.media.Brownian(diffusion=1.0))
 lags = np.linspace(0.0, 0.1, 400)
-curve = sg.temporal_correlation(slab, wavelength=0.5, lags=lags, paths=20_000)
+curve = sg.statistics.temporal_correlation(slab, wavelength=0.5, lags=lags, paths=20_000)
 time = np.interp(-np.exp(-1), -curve.field.real, lags)
 print(f"g1 falls to 1/e within {time:.4f}")
 
@@ -28,8 +28,9 @@ since = np.arange(count) / 20  # over the 1/e time
 
 def fields(medium, times, realizations):
     """Fields of films of a medium, complex64[realizations, times, 96, 96]."""
-    beams = sg.CollimatedBeams.tilts(np.zeros(len(times)), width=width, times=times)
-    scene = sg.Scene(wavelength=0.5, medium=medium, illumination=beams, sensor=sg.FarField.grid((96, 96), pitch))
+    beams = sg.light.CollimatedBeams.tilts(np.zeros(len(times)), width=width, times=times)
+    scene = sg.Scene(wavelength=0.5, medium=medium, illumination=beams,
+                     sensor=sg.sensors.FarField.grid((96, 96), pitch))
     return sg.render(scene, realizations=realizations, paths=20_000).field
 
 

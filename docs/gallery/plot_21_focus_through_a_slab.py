@@ -13,11 +13,11 @@ from matplotlib import pyplot as plt
 from specklegen.coherence import transmission_matrix
 
 width, side, scanned = 2000.0, 10, 10  # wavelengths, beams along each side, steps of the scan
-slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.Isotropic())
+slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.media.Isotropic())
 y, x = np.meshgrid(np.arange(side), np.arange(side + scanned), indexing="ij")
 sines = np.stack([x - side / 2, y - side / 2], axis=-1).reshape(-1, 2) / width
-beams = sg.CollimatedBeams(directions=np.column_stack([sines, np.sqrt(1 - np.square(sines).sum(1))]), width=width)
-camera = sg.FarField.grid((48, 97), 1 / width / 4)  # grains of four pixels
+beams = sg.light.CollimatedBeams(directions=np.column_stack([sines, np.sqrt(1 - np.square(sines).sum(1))]), width=width)
+camera = sg.sensors.FarField.grid((48, 97), 1 / width / 4)  # grains of four pixels
 scene = sg.Scene(wavelength=1.0, medium=slab, illumination=beams, sensor=camera)
 matrix = transmission_matrix(scene, paths=20_000, seed=0, reverse=False).value.reshape(48, 97, side, side + scanned)
 

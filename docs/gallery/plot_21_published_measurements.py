@@ -36,8 +36,10 @@ for depth in depths:
 
 wavelength, paths = 1e-3, []  # far below a mean free path: both ways of a path interfere straight back alone
 for depth, x in zip(depths, halves, strict=True):
-    slab = sg.Slab(thickness=depth, mean_free_path=1.0, scatterer=sg.Isotropic(), motion=sg.Brownian(diffusion=1.0))
-    curve = sg.temporal_correlation(slab, wavelength=wavelength, lags=[x * (wavelength / 2 / np.pi) ** 2], paths=40_000)
+    slab = sg.Slab(thickness=depth, mean_free_path=1.0, scatterer=sg.media.Isotropic(),
+                   motion=sg.media.Brownian(diffusion=1.0))
+    curve = sg.statistics.temporal_correlation(slab, wavelength=wavelength, lags=[x * (wavelength / 2 / np.pi) ** 2],
+                                               paths=40_000)
     g1, error = curve.field.real[0], curve.standard_error[0] / 2 / curve.field.real[0]
     told = [inferred_depths(g1 + d, x) / depth for d in (0, -error, error)]
     paths.append((told[0], abs(told[1] - told[2]) / 2))
@@ -75,7 +77,7 @@ for depth in (60.0, 4000.0):
 # Wiersma, van Albada, van Tiggelen and Lagendijk (Phys. Rev. Lett. 74, 4193, 1995) saw light of kept helicity come
 # straight back from weakly scattering powders 2.00 +- .01 times as bright as beside. Without reversed paths, and with
 # them, from Rayleigh particles 40 mean free paths deep: all four channels, from ten runs of a thousand paths.
-powder = sg.Slab(thickness=40.0, mean_free_path=1.0, scatterer=sg.Rayleigh(), polarisation="vector")
+powder = sg.Slab(thickness=40.0, mean_free_path=1.0, scatterer=sg.media.Rayleigh(), polarisation="vector")
 left, right = np.array([1, 1j]) / np.sqrt(2), np.array([1, -1j]) / np.sqrt(2)
 channels = {
     "helicity kept": (left, right), "helicity flipped": (left, left),  # seen against z, fields of one helicity differ
@@ -83,7 +85,8 @@ channels = {
 }  # fmt: skip
 lit = np.array([
     [[light.intensity(*pair) for pair in channels.values()] for light in (
-        sg.mueller_matrix(powder, wavelength=1e-3, mode="reflection", view=[0.0, 0.0, -1.0], reverse=way, paths=1000,
+        sg.statistics.mueller_matrix(powder, wavelength=1e-3, mode="reflection", view=[0.0, 0.0, -1.0], reverse=way,
+                                     paths=1000,
                           seed=seed)
         for way in (True, False))]
     for seed in range(10)
@@ -117,10 +120,11 @@ print(f"polarisation at the limb: {-steep[1] / steep[0]:.4f}")
 # light's polarisation, spheres far smaller than the wavelength have gamma 1.6 in print: here with and without a face.
 root = np.array([0.1, 0.2, 0.3, 0.5, 0.7])
 for index in (1.0, 1.33):
-    deep = sg.Slab(thickness=150.0, mean_free_path=1.0, scatterer=sg.Rayleigh(), polarisation="vector",
-                   motion=sg.Brownian(diffusion=1.0), faces=sg.Faces(inside=index))  # fmt: skip
+    deep = sg.Slab(thickness=150.0, mean_free_path=1.0, scatterer=sg.media.Rayleigh(), polarisation="vector",
+                   motion=sg.media.Brownian(diffusion=1.0), faces=sg.media.Faces(inside=index))  # fmt: skip
     for channel in ("co", "crossed"):
-        curve = sg.temporal_correlation(deep, wavelength=wavelength, lags=root**2 / 6 * (wavelength / 2 / np.pi) ** 2,
+        curve = sg.statistics.temporal_correlation(deep, wavelength=wavelength,
+                                                   lags=root**2 / 6 * (wavelength / 2 / np.pi) ** 2,
                                         mode="reflection", channel=channel, paths=20_000, reverse=False)  # fmt: skip
         print(f"index {index:g}, {channel}: gamma {-np.polyfit(root, np.log(curve.field.real), 1)[0]:.2f}")
 
@@ -148,9 +152,9 @@ for source, printed, share in (("a tenth of 10 %", formula, 0.05), ("20 %", batc
 # %%
 # Silica spheres of 345 nm in water at 685 nm, transport lengths by the group of Furst (numbers of Q. Li in the program
 # nsbalbi/Scattering): spheres that keep each other apart, and independent ones.
-sphere = sg.Mie(radius=0.1725, wavelength=0.685 / 1.332, refractive_index=1.446 / 1.332)
+sphere = sg.media.Mie(radius=0.1725, wavelength=0.685 / 1.332, refractive_index=1.446 / 1.332)
 for share, measured in ((0.065, 230), (0.067, 225), (0.069, 216), (0.072, 215), (0.075, 205), (0.135, 130)):
-    dense = sg.PercusYevick(sphere, share, 0.345)
+    dense = sg.media.PercusYevick(sphere, share, 0.345)
     alone = 1 / (dense.number_density * sphere.scattering_cross_section * (1 - sphere.g))
     ours = dense.mean_free_path / (1 - dense.g)
     print(f"silica, {share:g} of the volume: {measured} measured, {ours:.0f} by hard spheres, {alone:.0f} independent")
@@ -166,7 +170,8 @@ for name, fat, printed in (("skimmed", 0.1, (0.70, 1.22, 1.90)), ("whole", 3.5, 
 # Schott, Bertolotti, Leger, Bourdieu and Gigan (Opt. Express 23, 13505, 2015) found the memory effect of tissue to
 # reach more than an order of magnitude further than that of isotropic particles. Slabs of g = .98, over those of g = 0:
 for depth in (10.0, 20.0, 30.0):
-    slabs = [sg.Slab(thickness=1.0, mean_free_path=1 / depth, scatterer=sg.HenyeyGreenstein(g)) for g in (0.98, 0.0)]
+    slabs = [sg.Slab(thickness=1.0, mean_free_path=1 / depth, scatterer=sg.media.HenyeyGreenstein(g))
+             for g in (0.98, 0.0)]
     forward, isotropic = (estimate_correlation(slab, 400_000, seed=3).half_range() for slab in slabs)
     print(f"optical depth {depth:g}: {forward / isotropic:.1f} times as far")
 plt.show()

@@ -10,8 +10,9 @@ import numpy as np
 import specklegen as sg
 from matplotlib import pyplot as plt
 
-fog = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9), polarisation="projector")
-light = sg.mueller_matrix(fog, wavelength=0.5, paths=40_000)
+fog = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(0.9),
+              polarisation="projector")
+light = sg.statistics.mueller_matrix(fog, wavelength=0.5, paths=40_000)
 print(f"degree of polarisation {light.linear:.3f}, of circular light {light.circular:.3f}")
 print(f"a crossed analyser passes {light.intensity([1, 0], [0, 1]) / light.intensity([1, 0]):.3f} of the light")
 print(f"contrast without an analyser {light.contrast:.3f}")
@@ -32,6 +33,6 @@ axes.legend()
 # %%
 # Behind ten mean free paths of air, with its small particles, nothing is left of the polarisation, and both are alike.
 for depth in (1.0, 5.0, 10.0):
-    air = sg.Slab(thickness=1000.0, mean_free_path=1000.0 / depth, scatterer=sg.Rayleigh(), polarisation="vector")
-    found = sg.mueller_matrix(air, wavelength=0.5, paths=40_000)
+    air = sg.Slab(thickness=1000.0, mean_free_path=1000.0 / depth, scatterer=sg.media.Rayleigh(), polarisation="vector")
+    found = sg.statistics.mueller_matrix(air, wavelength=0.5, paths=40_000)
     print(f"optical depth {depth:g}: {found.linear:.3f} +- {found.linear_error:.3f}")

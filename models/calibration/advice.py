@@ -78,9 +78,9 @@ class Advice(Pictured):
     --------
     >>> import specklegen as sg
     >>> from specklegen.measured import MemoryCurve
-    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=1000 / 30, scatterer=sg.HenyeyGreenstein(0.8))
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=1000 / 30, scatterer=sg.media.HenyeyGreenstein(0.8))
     >>> tilts = [2e-5 * n for n in range(1, 25)]
-    >>> advice = sg.advise(slab, wavelength=0.5, instruments=[MemoryCurve(tilts, None, 0.01)])
+    >>> advice = sg.fit.advise(slab, wavelength=0.5, instruments=[MemoryCurve(tilts, None, 0.01)])
     >>> advice.rows[0].errors["optical_depth"] > 1, advice.rows[0].errors["thickness"] < 0.3
     (True, True)
     """
@@ -129,7 +129,7 @@ def advise(
         3 half ranges ± .01, transmittance ± 2 %, contrast at three bandwidths ± .01, and of a moving slab g2 at 25
         lags ± .01.
     free
-        What is not known, as of :func:`specklegen.fit_material`; all else is known.
+        What is not known, as of :func:`specklegen.fit.fit_material`; all else is known.
 
     Returns
     -------
@@ -144,8 +144,8 @@ def advise(
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
-    >>> advice = sg.advise(slab, wavelength=0.5)
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(0.9))
+    >>> advice = sg.fit.advise(slab, wavelength=0.5)
     >>> [round(row.errors["thickness"], 2) for row in advice.rows][0]
     0.13
     """

@@ -172,10 +172,10 @@ class MaterialFit(Pictured):
     >>> import numpy as np
     >>> import specklegen as sg
     >>> from specklegen.measured import MemoryCurve, Transmittance
-    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(0.9))
     >>> tilts = np.linspace(2e-5, 5e-4, 25)
     >>> curve = sg.memory_effect(slab, wavelength=0.5, tilts=tilts, paths=20_000)
-    >>> fit = sg.fit_material([MemoryCurve(tilts, curve.intensity, 0.01), Transmittance(0.68, 0.01)],
+    >>> fit = sg.fit.fit_material([MemoryCurve(tilts, curve.intensity, 0.01), Transmittance(0.68, 0.01)],
     ...                       wavelength=0.5, known={"thickness": 1000.0}, free=("mean_free_path", "g"))
     >>> 100 in fit.interval(0.999)["mean_free_path"], 0.9 in fit.interval(0.999)["g"]
     (True, True)
@@ -384,7 +384,8 @@ def fit_material(
     free
         Names of those to be found. With a model a table of any names and the ends of the range in which each is sought.
     budget
-        With a model: paths of every curve of a run, 20 000 by default, seed and threads (:class:`specklegen.Budget`). A
+        With a model: paths of every curve of a run, 20 000 by default, seed and threads
+        (:class:`specklegen.results.Budget`). A
         fit of one, two or three numbers takes some 80, 110 or 150 runs. The runs' own scatter widens the intervals.
     fields
         Fields of the budget by name, such as ``paths=50_000, seed=1``.
@@ -405,13 +406,14 @@ def fit_material(
     >>> import specklegen as sg
     >>> from specklegen.measured import BallisticFraction, Transmittance
     >>> data = [Transmittance(0.68, 0.01), BallisticFraction(4.5e-5, 2e-6)]
-    >>> fit = sg.fit_material(data, wavelength=0.5, known={"thickness": 1000.0}, free=("mean_free_path", "g"))
+    >>> fit = sg.fit.fit_material(data, wavelength=0.5, known={"thickness": 1000.0}, free=("mean_free_path", "g"))
     >>> round(fit.slab.optical_depth, 1), fit.degrees
     (10.0, 0)
     >>> def cell(g):
-    ...     return sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g),
-    ...                    faces=sg.Faces(inside=1.33))
-    >>> fit = sg.fit_material(Transmittance(0.5, 0.02), wavelength=0.5, model=cell, free={"g": (0.5, 0.98)}, paths=1000)
+    ...     return sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(g),
+    ...                    faces=sg.media.Faces(inside=1.33))
+    >>> fit = sg.fit.fit_material(Transmittance(0.5, 0.02), wavelength=0.5, model=cell, free={"g": (0.5, 0.98)},
+    ...                           paths=1000)
     >>> fit.media[0].faces.inside, 0.7 < fit.values["g"] < 0.9
     (1.33, True)
     """

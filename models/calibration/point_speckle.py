@@ -25,7 +25,7 @@ class PointSpeckle(NamedTuple):
     Attributes
     ----------
     profile, grain
-        As of :class:`specklegen.SetupFit`.
+        As of :class:`specklegen.fit.SetupFit`.
     lit, noise
         Squares of contrast and of the noise over the mean light.
     pixel_integration

@@ -122,7 +122,7 @@ class SetupFit(Pictured):
     >>> rng = np.random.default_rng(0)
     >>> iris = np.hypot(*np.meshgrid(*[np.arange(-128, 128)] * 2)) < 32  # 256 / 64 = 4 pixels a grain
     >>> field = np.fft.ifft2(np.fft.ifftshift(iris * (rng.normal(size=(256, 256)) + 1j * rng.normal(size=(256, 256)))))
-    >>> setup = sg.fit_setup(np.abs(field) ** 2, pixel_integration=False)
+    >>> setup = sg.fit.fit_setup(np.abs(field) ** 2, pixel_integration=False)
     >>> setup.profile, abs(setup.grain - 4) < 0.15, abs(setup.contrast - 1) < 0.1
     ('disc', True, True)
     """
@@ -248,7 +248,7 @@ def fit_setup(
     >>> fields = rng.normal(size=(2, 128, 128, 2)) @ [1, 1j]
     >>> smooth = np.exp(-(np.fft.fftfreq(128)[:, None] ** 2 + np.fft.fftfreq(128) ** 2) * 64)
     >>> light = np.abs(np.fft.ifft2(np.fft.fft2(fields) * smooth)) ** 2
-    >>> setup = sg.fit_setup(light, envelope=None, pixel_integration=False)
+    >>> setup = sg.fit.fit_setup(light, envelope=None, pixel_integration=False)
     >>> setup.profile, setup.measured.light.shape
     ('gaussian', (2, 128, 128))
     """

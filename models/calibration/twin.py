@@ -113,7 +113,7 @@ class Twin(Pictured):
     >>> from specklegen.datasets import load_recipe
     >>> recipe = load_recipe("tilt-stack", {"material": {"g": 0.9, "optical_depth": 8.0, "thickness": 800.0}})
     >>> seen = recipe.batch(1, "train", range(4))["stack"]
-    >>> found = sg.twin(np.concatenate(list(seen)), recipe, images=16)
+    >>> found = sg.fit.twin(np.concatenate(list(seen)), recipe, images=16)
     >>> found.p_value > 0.01, found.images
     (True, 4)
     """
@@ -208,7 +208,7 @@ def twin(
     >>> rng = np.random.default_rng(0)
     >>> iris = np.hypot(*np.meshgrid(*[np.arange(-128, 128)] * 2)) < 32
     >>> fields = np.fft.ifft2(iris * (rng.normal(size=(4, 256, 256)) + 1j * rng.normal(size=(4, 256, 256))))
-    >>> found = sg.twin(np.abs(fields[:, :128, :128]) ** 2, images=16, pixel_integration=False)
+    >>> found = sg.fit.twin(np.abs(fields[:, :128, :128]) ** 2, images=16, pixel_integration=False)
     >>> found.p_value > 0.01, found.setup.profile
     (True, 'disc')
     """

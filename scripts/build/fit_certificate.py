@@ -74,7 +74,7 @@ SETUPS: tuple[tuple[str, dict[str, Any]], ...] = (
 WRONG = {6: 1.15}
 SEARCHED = (0, 1, 2, 3)  # setups in which few points are searched for, which takes a second and more each
 SLABS = tuple(
-    sg.Slab(thickness=thickness, mean_free_path=path, scatterer=sg.VonMisesFisher(narrow))
+    sg.Slab(thickness=thickness, mean_free_path=path, scatterer=sg.media.VonMisesFisher(narrow))
     for thickness, path, narrow in ((6.0, 2.6, 12.0), (12.0, 5.0, 14.0), (20.0, 9.0, 16.0), (3.0, 1.3, 12.0))
 )
 EDGES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.001)

@@ -62,7 +62,7 @@ def drawn_slab(number: int) -> Drawn:
 
 def slab(thickness: float, depth: float, concentration: float) -> sg.Slab:
     """Slab of forward scatterers."""
-    scatterer = sg.VonMisesFisher(concentration)
+    scatterer = sg.media.VonMisesFisher(concentration)
     return sg.Slab(thickness=thickness, mean_free_path=thickness / depth, scatterer=scatterer)
 
 

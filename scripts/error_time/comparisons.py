@@ -70,7 +70,7 @@ def _in_parts(fields: Callable[[np.random.Generator, int], np.ndarray], count: i
 def waves(scene: sg.Scene, probes: Probes, count: int, seed: int) -> Estimate:
     """The wave equation for so many placements of cylinders; correlations with light 0."""
     medium = scene.medium
-    assert isinstance(medium, sg.Box)
+    assert isinstance(medium, sg.media.Box)
     gas = CylinderGas.with_mean_free_path(
         CYLINDER, tuple(medium.lower), tuple(medium.upper), medium.mean_free_path
     )

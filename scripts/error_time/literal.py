@@ -16,14 +16,14 @@ def literal_setup(scene: sg.Scene, probes: Probes) -> box_algorithms.Setup:
         return box_algorithms.slab_setup(
             scene.medium, wavelength=scene.wavelength, width=scene.beams.width, lights=lights, views=views, matched=True
         )
-    seen = box_algorithms.Near(views) if isinstance(scene.sensor, sg.NearField) else box_algorithms.Far(views)
+    seen = box_algorithms.Near(views) if isinstance(scene.sensor, sg.sensors.NearField) else box_algorithms.Far(views)
     return box_algorithms.Setup(_medium(scene), scene.wavelength, box_algorithms.Far(lights), seen, matched=True)
 
 
 def _medium(scene: sg.Scene) -> box_media.Medium:
     medium = scene.medium
-    if isinstance(medium, sg.Box):
-        if isinstance(medium.scatterer, sg.HenyeyGreenstein):
+    if isinstance(medium, sg.media.Box):
+        if isinstance(medium.scatterer, sg.media.HenyeyGreenstein):
             particle = box_media.henyey_greenstein(medium.scatterer.g, scene.dimension)
         else:
             def amplitude(cos: np.ndarray) -> np.ndarray:
@@ -34,7 +34,7 @@ def _medium(scene: sg.Scene) -> box_media.Medium:
         return box_media.box(
             medium.lower, medium.upper, extinction=medium.extinction, albedo=medium.albedo, particles=(particle,)
         )
-    assert isinstance(medium, sg.VoxelGrid)
+    assert isinstance(medium, sg.media.VoxelGrid)
     shape = np.array(medium.extinction.shape)
     size = (medium.upper - medium.lower) / shape[::-1]  # array axes run against those of space
     number = np.stack(np.unravel_index(np.arange(medium.extinction.size), tuple(shape)), axis=-1)[:, ::-1]

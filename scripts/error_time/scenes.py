@@ -59,8 +59,8 @@ def transmission(g: float, optical_depth: float, sine: float = 0.0) -> Case:
     scene = sg.Scene(
         wavelength=1.0,
         medium=slab(g, optical_depth, 2000.0),
-        illumination=sg.CollimatedBeams.tilts(np.arcsin(16 * PITCH * np.array([-1, 0, 1])), width=WIDTH),
-        sensor=sg.FarField.grid((CAMERA, CAMERA), PITCH, center=(sine, 0.0)),
+        illumination=sg.light.CollimatedBeams.tilts(np.arcsin(16 * PITCH * np.array([-1, 0, 1])), width=WIDTH),
+        sensor=sg.sensors.FarField.grid((CAMERA, CAMERA), PITCH, center=(sine, 0.0)),
     )
     first = directions_of_sines("view", [sine - 16 * PITCH, 0.0])
     probes = Probes.among([(t, nearest(scene, t, first)) for t in range(3)])
@@ -81,8 +81,8 @@ def backscatter() -> Case:
     scene = sg.Scene(
         wavelength=1.0,
         medium=medium,
-        illumination=sg.CollimatedBeams.tilts(np.arcsin([0.0, tilt]), width=4 * WIDTH),
-        sensor=sg.FarField(directions=directions_of_sines("view", np.stack([x, 0 * x], axis=-1), -1.0)),
+        illumination=sg.light.CollimatedBeams.tilts(np.arcsin([0.0, tilt]), width=4 * WIDTH),
+        sensor=sg.sensors.FarField(directions=directions_of_sines("view", np.stack([x, 0 * x], axis=-1), -1.0)),
     )
     points = [(0, n) for n in range(4)] + [(1, 4 + n) for n in range(4)]
     probes = Probes(np.array(points), np.array([(n, 4 + n) for n in range(4)]))
@@ -99,8 +99,8 @@ def wide() -> Case:
     scene = sg.Scene(
         wavelength=1.0,
         medium=medium,
-        illumination=sg.CollimatedBeams.tilts(np.arcsin([0.0, tilt]), width=WIDTH),
-        sensor=sg.FarField(directions=directions_of_sines("view", sines)),
+        illumination=sg.light.CollimatedBeams.tilts(np.arcsin([0.0, tilt]), width=WIDTH),
+        sensor=sg.sensors.FarField(directions=directions_of_sines("view", sines)),
     )
     points = [(0, 112), (0, 116), (0, 119), (1, 225), (1, 226), (1, 227)]
     probes = Probes(np.array(points), np.array([(0, 3), (1, 4), (2, 5)]))
@@ -117,8 +117,8 @@ def hidden(ranges: float) -> Case:
     scene = sg.Scene(
         wavelength=1.0,
         medium=slab(0.0, depth, thickness),
-        illumination=sg.IncoherentObject(brightness=lit, pitch=step * PITCH, width=WIDTH),
-        sensor=sg.FarField.grid((CAMERA, CAMERA), PITCH),
+        illumination=sg.light.IncoherentObject(brightness=lit, pitch=step * PITCH, width=WIDTH),
+        sensor=sg.sensors.FarField.grid((CAMERA, CAMERA), PITCH),
     )
     first = directions_of_sines("view", scene.lights[0, :2])
     probes = Probes.among([(t, nearest(scene, t, first)) for t in (0, 2, 4, 8)])
@@ -133,12 +133,12 @@ def flatland_box(optical_depth: float) -> Case:
     theta, around = np.linspace(0, np.pi, 721), np.arange(0, 360, 15)
     scene = sg.Scene(
         wavelength=1.0,
-        medium=sg.Box(
+        medium=sg.media.Box(
             lower=(-10.0, -10.0), upper=(10.0, 10.0), mean_free_path=20.0 / optical_depth,
-            scatterer=sg.Tabulated(theta=theta, amplitude=CYLINDER.amplitude(theta)),
+            scatterer=sg.media.Tabulated(theta=theta, amplitude=CYLINDER.amplitude(theta)),
         ),
-        illumination=sg.PlaneWaves.tilts(np.deg2rad([0.0, 2.0]), dimensions=2),
-        sensor=sg.FarField.angles(np.deg2rad(np.concatenate([around, around + 2]))),
+        illumination=sg.light.PlaneWaves.tilts(np.deg2rad([0.0, 2.0]), dimensions=2),
+        sensor=sg.sensors.FarField.angles(np.deg2rad(np.concatenate([around, around + 2]))),
     )  # fmt: skip
     chosen = np.flatnonzero(np.isin(around, [30, 90, 180, 285]))
     points = [(0, n) for n in chosen] + [(1, len(around) + n) for n in chosen]
@@ -153,12 +153,12 @@ def near_field() -> Case:
     x, y = np.meshgrid(across, across)
     scene = sg.Scene(
         wavelength=1.0,
-        medium=sg.Box(
+        medium=sg.media.Box(
             lower=(-10.0, -10.0, 0.0), upper=(10.0, 10.0, 20.0), mean_free_path=10.0,
-            scatterer=sg.HenyeyGreenstein(g=0.5),
+            scatterer=sg.media.HenyeyGreenstein(g=0.5),
         ),
-        illumination=sg.PlaneWaves.tilts(np.deg2rad([0.0, 1.0])),
-        sensor=sg.NearField(points=np.stack([x, y, 0 * x + 22.0], axis=-1).reshape(-1, 3)),
+        illumination=sg.light.PlaneWaves.tilts(np.deg2rad([0.0, 1.0])),
+        sensor=sg.sensors.NearField(points=np.stack([x, y, 0 * x + 22.0], axis=-1).reshape(-1, 3)),
     )  # fmt: skip
     probes = Probes.among([(0, 12), (0, 6), (1, 12), (1, 6)])
     return Case("near field behind a box, OD 2", scene, probes, "literal", ("naive Algorithm 2",))
@@ -168,13 +168,14 @@ def voxels() -> Case:
     """Eight voxels of different densities, one of them empty."""
     scene = sg.Scene(
         wavelength=1.0,
-        medium=sg.VoxelGrid(
+        medium=sg.media.VoxelGrid(
             lower=(-10.0, -10.0, 0.0), upper=(10.0, 10.0, 20.0),
             extinction=np.array([[[0.05, 0.2], [0.1, 0.0]], [[0.3, 0.1], [0.02, 0.15]]]),
-            scatterers=(sg.HenyeyGreenstein(g=0.5),),
+            scatterers=(sg.media.HenyeyGreenstein(g=0.5),),
         ),
-        illumination=sg.PlaneWaves.tilts(np.deg2rad([0.0, 2.0])),
-        sensor=sg.FarField(directions=directions_of_sines("view", np.deg2rad([[10, 0], [12, 0], [40, 10], [42, 10]]))),
+        illumination=sg.light.PlaneWaves.tilts(np.deg2rad([0.0, 2.0])),
+        sensor=sg.sensors.FarField(directions=directions_of_sines("view",
+                                                                  np.deg2rad([[10, 0], [12, 0], [40, 10], [42, 10]]))),
     )  # fmt: skip
     probes = Probes(np.array([(0, 0), (1, 1), (0, 2), (1, 3)]), np.array([(0, 1), (2, 3)]))
     return Case("grid of voxels", scene, probes, "literal", ("naive Algorithm 2",))
@@ -183,12 +184,12 @@ def voxels() -> Case:
 def two_screens() -> Case:
     """Two phase screens some way apart, three tilts; views and tilts lie on the steps of waves with a period."""
     step = 1 / PERIOD
-    screen = sg.PhaseScreen(rms_phase=3.0, correlation_length=15.0)
+    screen = sg.media.PhaseScreen(rms_phase=3.0, correlation_length=15.0)
     scene = sg.Scene(
         wavelength=1.0,
-        medium=sg.ScreenStack(screens=(screen, screen), gaps=(150.0,)),
-        illumination=sg.CollimatedBeams.tilts(np.arcsin(16 * step * np.array([-1, 0, 1])), width=PERIOD / 2),
-        sensor=sg.FarField.grid((CAMERA, CAMERA), step),
+        medium=sg.media.ScreenStack(screens=(screen, screen), gaps=(150.0,)),
+        illumination=sg.light.CollimatedBeams.tilts(np.arcsin(16 * step * np.array([-1, 0, 1])), width=PERIOD / 2),
+        sensor=sg.sensors.FarField.grid((CAMERA, CAMERA), step),
     )
     first = directions_of_sines("view", [-16 * step, 0.0])
     probes = Probes.among([(t, nearest(scene, t, first)) for t in range(3)])
@@ -197,7 +198,8 @@ def two_screens() -> Case:
 
 def slab(g: float, optical_depth: float, thickness: float) -> sg.Slab:
     """A slab that does not absorb."""
-    return sg.Slab(thickness=thickness, mean_free_path=thickness / optical_depth, scatterer=sg.HenyeyGreenstein(g=g))
+    return sg.Slab(thickness=thickness, mean_free_path=thickness / optical_depth,
+                   scatterer=sg.media.HenyeyGreenstein(g=g))
 
 
 _BUILDERS: dict[str, Callable[[], Case]] = {

@@ -60,20 +60,21 @@ def report(rows: Iterable[Row], script: str) -> None:
         print("| " + " | ".join(cells) + " |", flush=True)
 
 
-def flatland_box(half: float, mean_free_path: float, scatterer=None) -> sg.Box:
+def flatland_box(half: float, mean_free_path: float, scatterer=None) -> sg.media.Box:
     """A square of side 2 ``half`` around the origin."""
-    return sg.Box(
-        lower=(-half, -half), upper=(half, half), mean_free_path=mean_free_path, scatterer=scatterer or sg.Isotropic()
+    return sg.media.Box(
+        lower=(-half, -half), upper=(half, half), mean_free_path=mean_free_path,
+        scatterer=scatterer or sg.media.Isotropic()
     )
 
 
-def flatland_scene(box: sg.Box, views: np.ndarray, lights=LIGHTS) -> sg.Scene:
+def flatland_scene(box: sg.media.Box, views: np.ndarray, lights=LIGHTS) -> sg.Scene:
     """Plane waves and far-field views, degrees."""
     return sg.Scene(
         wavelength=1.0,
         medium=box,
-        illumination=sg.PlaneWaves.tilts(np.deg2rad(lights), dimensions=2),
-        sensor=sg.FarField.angles(np.deg2rad(views)),
+        illumination=sg.light.PlaneWaves.tilts(np.deg2rad(lights), dimensions=2),
+        sensor=sg.sensors.FarField.angles(np.deg2rad(views)),
     )
 
 

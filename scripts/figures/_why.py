@@ -35,7 +35,7 @@ _BENCH = {
 
 def slab(thickness: float, depth: float = 8.0, lobe: float = 240.0) -> sg.Slab:
     """Slab of forward scatterers."""
-    return sg.Slab(thickness=thickness, mean_free_path=thickness / depth, scatterer=sg.VonMisesFisher(lobe))
+    return sg.Slab(thickness=thickness, mean_free_path=thickness / depth, scatterer=sg.media.VonMisesFisher(lobe))
 
 
 def row(rng: np.random.Generator, diameter: int) -> np.ndarray:

@@ -69,8 +69,8 @@ def exposures_by_waves(seed: int) -> tuple[np.ndarray, tuple[float, float]]:
     """One stack of exposures of a drawn slab, each of a medium of its own; the time to 1/e is that of this package."""
     rng = np.random.default_rng([seed, 7])
     free, tau0 = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in (FREE_PATHS, TAU0))
-    medium = sg.Slab(thickness=THICKNESS, mean_free_path=free, scatterer=sg.VonMisesFisher(LOBE))
-    known = estimate_moving_correlation(medium.replace(motion=sg.Brownian(diffusion=1.0)), 20_000, seed)
+    medium = sg.Slab(thickness=THICKNESS, mean_free_path=free, scatterer=sg.media.VonMisesFisher(LOBE))
+    known = estimate_moving_correlation(medium.replace(motion=sg.media.Brownian(diffusion=1.0)), 20_000, seed)
     images = []
     for n, exposure in enumerate(EXPOSURES / tau0):
         instants = max(sub_frames(known.field, float(exposure), tolerance=_TOLERANCE), 2)

@@ -44,8 +44,8 @@ def near_scene(offsets: np.ndarray) -> sg.Scene:
     return sg.Scene(
         wavelength=1.0,
         medium=BOX,
-        illumination=sg.PointSources(points=ring(np.zeros(1))),
-        sensor=sg.NearField(points=ring(offsets)),
+        illumination=sg.light.PointSources(points=ring(np.zeros(1))),
+        sensor=sg.sensors.NearField(points=ring(offsets)),
     )
 
 
@@ -55,7 +55,7 @@ def two_ways(scene: sg.Scene, paths: int) -> np.ndarray:
     batches = []
     for seed in range(BATCHES):
         found = [
-            sg.covariance(scene, paths=paths // BATCHES, seed=seed, reverse=reverse, pairs=pairs, threads=1)
+            sg.statistics.covariance(scene, paths=paths // BATCHES, seed=seed, reverse=reverse, pairs=pairs, threads=1)
             for reverse in (False, True)
         ]
         batches.append([(f.single.real, f.multiple.real) for f in found])

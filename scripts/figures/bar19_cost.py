@@ -26,10 +26,10 @@ FEW = np.arange(0.0, 360.0, 10.0)  # views that judge errors: their norm over th
 ALL = np.arange(0.0, 360.0)
 
 
-def first_rows(views: np.ndarray, paths: int, seed: int) -> sg.Covariance:
+def first_rows(views: np.ndarray, paths: int, seed: int) -> sg.results.Covariance:
     """C of light 0 against all lights, [V, L, V]."""
     scene = flatland_scene(flatland_box(10.0, 10.0), views)
-    blocks = sg.covariance_blocks(scene, rows=len(views), paths=paths, seed=seed, reverse=True, threads=1)
+    blocks = sg.statistics.covariance_blocks(scene, rows=len(views), paths=paths, seed=seed, reverse=True, threads=1)
     return next(blocks)[1]
 
 

@@ -32,7 +32,7 @@ LEAST = {2.0: (0.995, 0.995, 0.980, 0.935)}  # correlation of covariance matrice
 def cylinder_scene(mean_free_path: float, views: np.ndarray) -> sg.Scene:
     """The box with the wave solver's cylinders."""
     theta = np.linspace(0, np.pi, 721)
-    cylinders = sg.Tabulated(theta=theta, amplitude=CYLINDER.amplitude(theta))
+    cylinders = sg.media.Tabulated(theta=theta, amplitude=CYLINDER.amplitude(theta))
     return flatland_scene(flatland_box(10.0, mean_free_path, cylinders), views)
 
 
@@ -49,11 +49,11 @@ def waves(mean_free_path: float, placements: int) -> dict[str, np.ndarray]:
 def draw_box(mean_free_path: float, wave: dict, paths: int, path: Path, wave_name: str) -> list[Row]:
     """Covariance matrices and intensities, the engine's below the wave equation's."""
     fine, coarse = (cylinder_scene(mean_free_path, views) for views in (VIEWS, COARSE))
-    sg.covariance(coarse, paths=64, reverse=True, pairs=[(0, 0, 0, 0)], threads=1)  # compiles
+    sg.statistics.covariance(coarse, paths=64, reverse=True, pairs=[(0, 0, 0, 0)], threads=1)  # compiles
     with clock() as spent:
-        _, block = next(sg.covariance_blocks(fine, rows=len(VIEWS), paths=paths, reverse=True, threads=1))
+        _, block = next(sg.statistics.covariance_blocks(fine, rows=len(VIEWS), paths=paths, reverse=True, threads=1))
     with clock() as longer:
-        many = sg.covariance(coarse, paths=8 * paths, seed=1, reverse=True, threads=1)
+        many = sg.statistics.covariance(coarse, paths=8 * paths, seed=1, reverse=True, threads=1)
     ours, intensity, error = block.value, many.intensity.T, np.einsum("tvtv->vt", many.standard_error)
     depth = 20 / mean_free_path
     figure, axes = plt.subplots(3, 4, figsize=(13, 10), layout="constrained")
@@ -119,7 +119,7 @@ def draw_fields(out: Path, quick: bool) -> list[Row]:
     scene = flatland_scene(flatland_box(10.0, 10.0), COARSE, (0.0, 4.0))
     n, paths = (200, 100) if quick else (1000, 250)
     with clock() as direct:
-        truth = sg.covariance(scene, paths=30 * n, seed=1, reverse=False, threads=1)
+        truth = sg.statistics.covariance(scene, paths=30 * n, seed=1, reverse=False, threads=1)
     trace = np.einsum("tvtv->t", truth.value).real
     noise = np.sqrt(np.square(truth.standard_error[0]).sum(axis=(0, 2)) / (trace[0] * trace))
     with clock() as drawn:

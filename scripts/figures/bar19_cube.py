@@ -18,7 +18,7 @@ from specklegen.core.statistics import jackknife
 from specklegen.theory.single_scattering import box_covariance
 
 KM = dict(zip((1, 2, 4, 6, 8, 10, 12, 20), (0.967, 0.876, 0.606, 0.369, 0.238, 0.173, 0.132, 0.067), strict=True))
-CUBE = sg.Box(lower=(-50.0,) * 3, upper=(50.0,) * 3, mean_free_path=20.0, scatterer=sg.Isotropic())
+CUBE = sg.media.Box(lower=(-50.0,) * 3, upper=(50.0,) * 3, mean_free_path=20.0, scatterer=sg.media.Isotropic())
 BATCHES = 16
 
 
@@ -29,13 +29,13 @@ def turned(sines: np.ndarray) -> np.ndarray:
 
 def cube_scene(lights: np.ndarray, views: np.ndarray) -> sg.Scene:
     """Plane waves on the cube."""
-    return sg.Scene(wavelength=1.0, medium=CUBE, illumination=sg.PlaneWaves(directions=lights),
-                    sensor=sg.FarField(directions=views))  # fmt: skip
+    return sg.Scene(wavelength=1.0, medium=CUBE, illumination=sg.light.PlaneWaves(directions=lights),
+                    sensor=sg.sensors.FarField(directions=views))  # fmt: skip
 
 
 def cube_batches(scene: sg.Scene, pairs: np.ndarray, paths: int) -> np.ndarray:
     """Single and multiple parts of chosen entries, complex[B, 2, P], forward paths."""
-    found = [sg.covariance(scene, paths=paths // BATCHES, seed=seed, reverse=False, pairs=pairs, threads=1)
+    found = [sg.statistics.covariance(scene, paths=paths // BATCHES, seed=seed, reverse=False, pairs=pairs, threads=1)
              for seed in range(BATCHES)]  # fmt: skip
     return np.array([(f.single, f.multiple) for f in found])
 

@@ -52,12 +52,12 @@ def draw_box(axis: plt.Axes) -> list[Row]:
     """Far-field mean of the box against the stored wave solution."""
     wave = np.load(REFERENCE / "wave_solver_2d_od2.npz")
     theta = np.linspace(0, np.pi, 721)
-    cylinders = sg.Tabulated(theta=theta, amplitude=Cylinder.resonant(0.02).amplitude(theta))
+    cylinders = sg.media.Tabulated(theta=theta, amplitude=Cylinder.resonant(0.02).amplitude(theta))
     box = flatland_box(10.0, MEAN_FREE_PATH, cylinders)
     fine = np.arange(-180.0, 180.0, 0.25)
     with clock() as spent:
-        found = sg.mean_field(flatland_scene(box, wave["view_deg"])).T
-        lines = sg.mean_field(flatland_scene(box, fine)).T
+        found = sg.statistics.mean_field(flatland_scene(box, wave["view_deg"])).T
+        lines = sg.statistics.mean_field(flatland_scene(box, fine)).T
     for j, colour in ((0, "C0"), (3, "C1")):
         axis.semilogy(fine, np.abs(lines[:, j]), colour, lw=0.6, label=f"Eq. 48, light {LIGHTS[j]:g}°")
         view = (wave["view_deg"] + 180) % 360 - 180
@@ -68,7 +68,8 @@ def draw_box(axis: plt.Axes) -> list[Row]:
     axis.legend(fontsize=8)
     errors = np.linalg.norm(found - wave["mean"], axis=0) / np.linalg.norm(wave["mean"], axis=0)
     # At v = i the closed form has the amplitude (k / 2 pi)^(1/2) A (1 - e^(-OD/2)); the first zero is lambda / W away.
-    forward = sg.mean_field(flatland_scene(flatland_box(10.0, 10.0), np.array([0.0, np.rad2deg(np.arcsin(1 / 20))])))
+    forward = sg.statistics.mean_field(flatland_scene(flatland_box(10.0, 10.0),
+                                                      np.array([0.0, np.rad2deg(np.arcsin(1 / 20))])))
     law = 20 * (1 - np.exp(-1))
     return [
         Row("A20", "box against the wave equation, 4 lights, 72 views: relative error of the mean",
@@ -84,11 +85,11 @@ def draw_slab(axis: plt.Axes) -> list[Row]:
     """Mean of a square beam behind a slab: the window's diffraction pattern."""
     width, sines = 100.0, np.linspace(-0.04, 0.04, 401)
     views = np.stack([sines, 0 * sines, np.sqrt(1 - sines**2)], axis=-1)
-    slab = sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.Isotropic())
-    scene = sg.Scene(wavelength=1.0, medium=slab, illumination=sg.CollimatedBeams.tilts([0.0], width=width),
-                     sensor=sg.FarField(directions=views))  # fmt: skip
+    slab = sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.media.Isotropic())
+    scene = sg.Scene(wavelength=1.0, medium=slab, illumination=sg.light.CollimatedBeams.tilts([0.0], width=width),
+                     sensor=sg.sensors.FarField(directions=views))  # fmt: skip
     with clock() as spent:
-        found = np.abs(sg.mean_field(scene)[0])
+        found = np.abs(sg.statistics.mean_field(scene)[0])
     law = np.exp(-1) * width**2 * np.abs(np.sinc(width * sines))
     axis.plot(sines * width, found, "C0", lw=3, alpha=0.5, label="specklegen")
     axis.plot(sines * width, law, "k--", lw=1, label=r"$e^{-OD/2}\,(W^2/\lambda)\,|\mathrm{sinc}|$")

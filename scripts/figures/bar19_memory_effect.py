@@ -30,7 +30,7 @@ STEP = np.deg2rad(0.0025)
 
 def curve(q, optical_depth, g=0.0, length=LENGTH, paths=100_000, **options):
     """Memory-effect curve of a slab at q = k L sin(tilt)."""
-    slab = sg.Slab(thickness=length, mean_free_path=length / optical_depth, scatterer=sg.HenyeyGreenstein(g=g),
+    slab = sg.Slab(thickness=length, mean_free_path=length / optical_depth, scatterer=sg.media.HenyeyGreenstein(g=g),
                    albedo=options.pop("albedo", 1.0))  # fmt: skip
     tilts = np.arcsin(np.asarray(q) * WAVELENGTH / (2 * np.pi * length))
     return sg.memory_effect(slab, wavelength=WAVELENGTH, tilts=tilts, paths=paths, threads=1, **options)
@@ -127,10 +127,10 @@ def tilted_images(optical_depth: float, g: float, paths: int, media: int) -> np.
     scene = sg.Scene(
         wavelength=WAVELENGTH,
         medium=sg.Slab(
-            thickness=LENGTH, mean_free_path=LENGTH / optical_depth, scatterer=sg.HenyeyGreenstein(g=g)
+            thickness=LENGTH, mean_free_path=LENGTH / optical_depth, scatterer=sg.media.HenyeyGreenstein(g=g)
         ),
-        illumination=sg.CollimatedBeams.tilts(STEP * np.arange(11), width=16 * LENGTH),
-        sensor=sg.FarField.grid((120, 120), np.sin(STEP) / 3),
+        illumination=sg.light.CollimatedBeams.tilts(STEP * np.arange(11), width=16 * LENGTH),
+        sensor=sg.sensors.FarField.grid((120, 120), np.sin(STEP) / 3),
     )
     return sg.render(scene, paths=paths, realizations=media, sampler="paths", threads=1).intensity
 

@@ -26,7 +26,7 @@ def single_scattering(paths: int) -> tuple[Row, np.ndarray]:
     quadruples = np.stack([rng.integers(n, size=20) for n in (4, 10, 4, 10)], axis=1)
     scene = flatland_scene(box, views, lights)
     with clock() as spent:
-        found = sg.covariance(scene, paths=paths, pairs=quadruples, orders="all", reverse=False, threads=1)
+        found = sg.statistics.covariance(scene, paths=paths, pairs=quadruples, orders="all", reverse=False, threads=1)
 
     def directions(degrees):
         return np.stack([np.sin(np.deg2rad(degrees)), np.cos(np.deg2rad(degrees))], axis=-1)
@@ -54,7 +54,7 @@ def energy(paths: int) -> Row:
     pairs = diagonal_pairs(4, 72)
     with clock() as spent:
         totals = np.array([
-            sg.covariance(scene, paths=paths // 64, seed=seed, pairs=pairs, reverse=False, threads=1)
+            sg.statistics.covariance(scene, paths=paths // 64, seed=seed, pairs=pairs, reverse=False, threads=1)
             .value.real.reshape(4, 72).mean(axis=1) for seed in range(64)
         ]) * 2 * np.pi  # fmt: skip
     mean, error = totals.mean(axis=0), totals.std(axis=0, ddof=1) / 8
@@ -66,13 +66,14 @@ def energy(paths: int) -> Row:
 
 def mixtures(paths: int) -> list[Row]:
     """A17: a kind split into itself, and a kind without a share."""
-    kind, other = sg.HenyeyGreenstein(g=0.5), sg.Isotropic()
-    variants = [kind, sg.Mixture(types=(kind, kind), fractions=(0.3, 0.7)),
-                sg.Mixture(types=(kind, other), fractions=(1.0, 0.0)), sg.Mixture(types=(kind,), fractions=(1.0,))]
+    kind, other = sg.media.HenyeyGreenstein(g=0.5), sg.media.Isotropic()
+    variants = [kind, sg.media.Mixture(types=(kind, kind), fractions=(0.3, 0.7)),
+                sg.media.Mixture(types=(kind, other), fractions=(1.0, 0.0)),
+                sg.media.Mixture(types=(kind,), fractions=(1.0,))]
     scenes = (flatland_scene(flatland_box(10.0, 10.0, each), np.arange(0.0, 360, 20), LIGHTS[::3]) for each in variants)
     with clock() as spent:
         whole, split, zero, alone = (
-            sg.covariance(scene, paths=paths, seed=seed, reverse=True, threads=1)
+            sg.statistics.covariance(scene, paths=paths, seed=seed, reverse=True, threads=1)
             for seed, scene in zip((0, 1, 2, 2), scenes, strict=True)
         )
     z = np.abs(whole.value - split.value) / np.hypot(whole.standard_error, split.standard_error)
@@ -88,10 +89,12 @@ def mixtures(paths: int) -> list[Row]:
 def voxels(paths: int) -> tuple[Row, np.ndarray]:
     """A18: a grid of equal voxels is a box."""
     box = flatland_box(10.0, 10.0)
-    grid = sg.VoxelGrid(lower=box.lower, upper=box.upper, extinction=np.full((5, 4), 0.1), scatterers=(sg.Isotropic(),))
+    grid = sg.media.VoxelGrid(lower=box.lower, upper=box.upper, extinction=np.full((5, 4), 0.1),
+                              scatterers=(sg.media.Isotropic(),))
     scenes = (flatland_scene(box, np.arange(0.0, 360, 20), LIGHTS[::3]).replace(medium=m) for m in (box, grid))
     with clock() as spent:
-        one, many = (sg.covariance(s, paths=paths, seed=n, reverse=True, threads=1) for n, s in enumerate(scenes))
+        one, many = (sg.statistics.covariance(s, paths=paths, seed=n, reverse=True, threads=1)
+                     for n, s in enumerate(scenes))
     z = np.abs(one.value - many.value) / np.hypot(one.standard_error, many.standard_error)
     row = Row("A18", f"5 x 4 equal voxels against a box, all {z.size} entries", "against the box", "equal",
               f"largest z {z.max():.1f}, rms {np.sqrt(np.mean(z**2)):.2f}", spent.seconds)  # fmt: skip
@@ -103,11 +106,12 @@ def properties(paths: int) -> tuple[list[Row], np.ndarray]:
     lights, views, n = np.array([0.0, 4.0, 4.0]), np.arange(0.0, 360.0, 20.0), 2000  # one light twice
     box = flatland_box(10.0, 10.0)
     with clock() as spent:
-        found = sg.covariance(flatland_scene(box, views, lights), paths=paths, reverse=True, threads=1)
-        swapped = sg.covariance(
+        found = sg.statistics.covariance(flatland_scene(box, views, lights), paths=paths, reverse=True, threads=1)
+        swapped = sg.statistics.covariance(
             sg.Scene(wavelength=1.0, medium=box,
-                     illumination=sg.PlaneWaves(directions=-sg.FarField.angles(np.deg2rad(views)).directions),
-                     sensor=sg.FarField.angles(np.deg2rad(lights + 180))), paths=paths, seed=1, reverse=True, threads=1,
+                     illumination=sg.light.PlaneWaves(directions=-sg.sensors.FarField.angles(np.deg2rad(views)).directions),
+                     sensor=sg.sensors.FarField.angles(np.deg2rad(lights + 180))), paths=paths, seed=1, reverse=True,
+                     threads=1,
         )  # fmt: skip
         fields = found.sample(n).reshape(n, -1)
     matrix = found.value.reshape(fields.shape[1], -1)
@@ -132,7 +136,7 @@ def properties(paths: int) -> tuple[list[Row], np.ndarray]:
 def main(out: Path, quick: bool) -> None:
     """Draw, and print rows; ``quick`` takes few paths."""
     paths = 3200 if quick else 64_000
-    sg.covariance(flatland_scene(flatland_box(10.0, 10.0), np.zeros(1)), paths=64, threads=1)  # compiles
+    sg.statistics.covariance(flatland_scene(flatland_box(10.0, 10.0), np.zeros(1)), paths=64, threads=1)  # compiles
     first, z_single = single_scattering(20_000 if quick else 3_000_000)
     same, z_voxels = voxels(paths)
     rows, spectrum = properties(paths)

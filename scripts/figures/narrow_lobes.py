@@ -18,19 +18,20 @@ from specklegen.paths.far_field import NEGLIGIBLE, overlap
 
 OUT = Path("docs/images")
 SIZE, PITCH = 512, 0.5  # wavelengths
-SLAB = sg.Slab(thickness=160.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(g=0.98))
+SLAB = sg.Slab(thickness=160.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(g=0.98))
 
 
 def by_endpoint_factors(tilts: np.ndarray, paths: int) -> np.ndarray:
     """C_I between tilts of one scene, as path sums have it: float64[T]."""
     directions = np.stack([np.sin(tilts), 0 * tilts, np.cos(tilts)], -1)
     scene = sg.Scene(
-        wavelength=1.0, medium=SLAB, illumination=sg.CollimatedBeams(directions=directions, width=1e5),
-        sensor=sg.FarField(directions=directions),
+        wavelength=1.0, medium=SLAB, illumination=sg.light.CollimatedBeams(directions=directions, width=1e5),
+        sensor=sg.sensors.FarField(directions=directions),
     )  # fmt: skip
     n = np.arange(len(tilts))
     crossed, own = (
-        sg.covariance(scene, pairs=np.stack([0 * n if far else n, 0 * n if far else n, n, n], -1), paths=paths).value
+        sg.statistics.covariance(scene, pairs=np.stack([0 * n if far else n, 0 * n if far else n, n, n], -1),
+                                 paths=paths).value
         for far in (True, False)
     )
     return np.square(np.abs(crossed)) / (own[0].real * own.real)
@@ -63,10 +64,10 @@ def main(out: Path, quick: bool) -> None:
 
     tilt = np.geomspace(1e-5, 0.5, 80)
     for g in (0.9, 0.98, 0.997):
-        lobe = sg.HenyeyGreenstein(g=g)
+        lobe = sg.media.HenyeyGreenstein(g=g)
         loss = [1 - overlap(lobe, float(f"{t:.9g}")) ** 4 for t in tilt]
         right.loglog(tilt, np.maximum(loss, 1e-7), label=f"Henyey-Greenstein, g = {g}")
-    gaussian = sg.VonMisesFisher(concentration=1 / 0.003)
+    gaussian = sg.media.VonMisesFisher(concentration=1 / 0.003)
     right.loglog(tilt, [max(1 - overlap(gaussian, float(f"{t:.9g}")) ** 4, 1e-7) for t in tilt], "k:",
                  label="Gaussian lobe of the same g = 0.997")  # fmt: skip
     right.axhline(NEGLIGIBLE, color="grey", lw=0.8)

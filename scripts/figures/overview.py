@@ -30,9 +30,9 @@ SHOWN = 3
 
 def tilts() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Intensity float[5, 96, 96] of one slab behind a round aperture, the tilts in degrees, and C_I."""
-    slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g=0.9))
-    beams = sg.CollimatedBeams.tilts(np.deg2rad(TILTS), width=12_000.0, profile="disc")
-    views = sg.FarField.grid(shape=(96, 96), pitch=8e-6)
+    slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(g=0.9))
+    beams = sg.light.CollimatedBeams.tilts(np.deg2rad(TILTS), width=12_000.0, profile="disc")
+    views = sg.sensors.FarField.grid(shape=(96, 96), pitch=8e-6)
     scene = sg.Scene(wavelength=0.5, medium=slab, illumination=beams, sensor=views)
     curve = sg.memory_effect(slab, wavelength=0.5, tilts=np.deg2rad(TILTS), seed=0)
     return sg.render(scene, seed=0).intensity, TILTS, curve.intensity

@@ -28,8 +28,8 @@ from specklegen.samplers.sampler import Sampler
 
 OUT = Path("docs/coherence")
 WAVELENGTH, PIXELS = 0.5, 48
-SLAB = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(g=0.9))
-MILK = sg.Slab(thickness=1000.0, mean_free_path=200.0, scatterer=sg.Isotropic())
+SLAB = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(g=0.9))
+MILK = sg.Slab(thickness=1000.0, mean_free_path=200.0, scatterer=sg.media.Isotropic())
 RATIOS = (2, 1, 0.6, 0.4, 0.2, 0.1, 0.05)  # coherence length over half the window
 PATHS: dict[Sampler, int] = {"paths": 2000, "stationary": 100_000}
 
@@ -39,8 +39,8 @@ def images(slab, width, length, sampler, realizations):
     scene = sg.Scene(
         wavelength=WAVELENGTH,
         medium=slab,
-        illumination=sg.CollimatedBeams.tilts([0.0], width=width),
-        sensor=sg.FarField.grid((PIXELS, PIXELS), WAVELENGTH / width / 2),
+        illumination=sg.light.CollimatedBeams.tilts([0.0], width=width),
+        sensor=sg.sensors.FarField.grid((PIXELS, PIXELS), WAVELENGTH / width / 2),
     )
     begin = time.process_time()
     stack = render_partially_coherent(

@@ -76,8 +76,8 @@ def render(
         built = sg.Scene(
             wavelength=wavelength,
             medium=slab(thickness, optical_depth, g, albedo),
-            illumination=sg.CollimatedBeams.tilts(np.deg2rad(step) * np.arange(tilts), width=width),
-            sensor=sg.FarField.grid((views, views), pitch if pitch is not None else wavelength / width / 3),
+            illumination=sg.light.CollimatedBeams.tilts(np.deg2rad(step) * np.arange(tilts), width=width),
+            sensor=sg.sensors.FarField.grid((views, views), pitch if pitch is not None else wavelength / width / 3),
         )
     writable(out)
     typer.echo(sg.plan(built, paths=paths, rel_error=rel_error, sampler=sampler, mean=mean).explain())
@@ -174,7 +174,7 @@ def memory_effect_command(
         media = {material: bulk if isinstance(bulk, sg.GroundGlass) else bulk.slab(thickness)}
         wavelength = wavelength if isinstance(bulk, sg.GroundGlass) else bulk.wavelength
     else:
-        faces = sg.Faces(inside=index)
+        faces = sg.media.Faces(inside=index)
         media = {
             f"g = {value:g}, OD {optical_depth:g}": slab(thickness, optical_depth, value, albedo).replace(faces=faces)
             for value in (g or [0.9])
@@ -184,9 +184,9 @@ def memory_effect_command(
     writable(out)
     if lags is not None:
         unit = (wavelength / (2 * np.pi)) ** 2
-        fluid = sg.Brownian(diffusion=unit if diffusion is None else diffusion)
+        fluid = sg.media.Brownian(diffusion=unit if diffusion is None else diffusion)
         moving = {
-            label: sg.temporal_correlation(
+            label: sg.statistics.temporal_correlation(
                 medium if scene is not None else medium.replace(motion=fluid), wavelength=wavelength,
                 lags=np.linspace(0, lags, points), mode=mode, paths=paths, seed=seed,
             )
@@ -291,8 +291,8 @@ def reflectance(
 
     if not 0 <= angle < 90:
         reject("--angle", "from 0 to below 90 degrees", angle)
-    medium = slab(1.0, optical_depth, g, albedo).replace(faces=sg.Faces(inside=index))
-    light = sg.reflectance_transmittance(
+    medium = slab(1.0, optical_depth, g, albedo).replace(faces=sg.media.Faces(inside=index))
+    light = sg.statistics.reflectance_transmittance(
         medium, angle=np.deg2rad(angle), paths=paths, rel_error=rel_error, seed=seed
     )  # fmt: skip
     if out is not None:
@@ -316,5 +316,6 @@ def slab(thickness: float, optical_depth: float, g: float, albedo: float) -> "Sl
         if not 1e-60 < value < 1e60:
             reject(name, "greater than 0 and finite", value)
     return sg.Slab(
-        thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo, scatterer=sg.HenyeyGreenstein(g=g)
+        thickness=thickness, mean_free_path=thickness / optical_depth, albedo=albedo,
+        scatterer=sg.media.HenyeyGreenstein(g=g)
     )

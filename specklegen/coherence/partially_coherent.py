@@ -251,7 +251,7 @@ def render_partially_coherent(
         coherent light.
     budget
         Paths of each realization or an error, time for all of them, seed, threads and reversed paths
-        (:class:`specklegen.Budget`), as of :func:`specklegen.render`. A finite number of paths raises
+        (:class:`specklegen.results.Budget`), as of :func:`specklegen.render`. A finite number of paths raises
         contrast^2 by `finite_path_excess`, however small the contrast is. By default 100 000 paths.
     realizations
         Number of media; None renders one and drops the axis.
@@ -272,10 +272,11 @@ def render_partially_coherent(
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
-    >>> light = sg.CollimatedBeams.tilts([0.0], width=5000.0)
-    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
-    >>> stack = sg.render_partially_coherent(scene, coherence_length=1000.0, seed=0)
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.9))
+    >>> light = sg.light.CollimatedBeams.tilts([0.0], width=5000.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light,
+    ...                  sensor=sg.sensors.FarField.grid((16, 16), 2e-5))
+    >>> stack = sg.coherence.render_partially_coherent(scene, coherence_length=1000.0, seed=0)
     >>> stack.intensity.shape
     (1, 16, 16)
     """
@@ -332,9 +333,9 @@ def finite_path_excess(
     --------
     >>> import specklegen as sg
     >>> from specklegen.coherence import finite_path_excess
-    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
-    >>> light = sg.CollimatedBeams.tilts([0.0], width=100.0)
-    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((4, 4), 1e-3))
+    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.media.Isotropic())
+    >>> light = sg.light.CollimatedBeams.tilts([0.0], width=100.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.sensors.FarField.grid((4, 4), 1e-3))
     >>> 0 < finite_path_excess(scene, paths=1000, samples=2000) < 0.1
     True
     """

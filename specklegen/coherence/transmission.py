@@ -48,7 +48,7 @@ def transmission_matrix(
     modes : complex128[beams, K], optional
         Amplitudes over the beams; then the columns are these superpositions.
     budget
-        Paths or an error, time, seed, threads and reversed paths (:class:`specklegen.Budget`), as of
+        Paths or an error, time, seed, threads and reversed paths (:class:`specklegen.results.Budget`), as of
         :func:`specklegen.render`. By default 100 000 paths. Two calls with one seed see the same medium where
         the scenes are the same; otherwise only about, since each scene has its own pilot.
     sampler
@@ -71,10 +71,10 @@ def transmission_matrix(
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
-    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-3], width=100.0)
-    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((4, 4), 1e-3))
-    >>> sg.transmission_matrix(scene, paths=1000, seed=0).value.shape  # pixels, beams
+    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.media.Isotropic())
+    >>> light = sg.light.CollimatedBeams.tilts([0.0, 1e-3], width=100.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.sensors.FarField.grid((4, 4), 1e-3))
+    >>> sg.statistics.transmission_matrix(scene, paths=1000, seed=0).value.shape  # pixels, beams
     (16, 2)
     """
     require_no_film("transmission_matrix", instance("transmission_matrix scene", scene, Scene))

@@ -70,8 +70,8 @@ class Budget:
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
-    >>> budget = sg.Budget(paths=2000, seed=1)
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(0.9))
+    >>> budget = sg.results.Budget(paths=2000, seed=1)
     >>> curve = sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 1e-4], budget=budget)
     >>> other = sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 1e-4], budget=budget, seed=2)
     >>> curve.paths, other.paths, bool((curve.intensity == other.intensity).all())

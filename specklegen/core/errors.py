@@ -31,7 +31,7 @@ class RuleError(ToldError, ValueError):
     --------
     >>> import specklegen as sg
     >>> try:
-    ...     sg.HenyeyGreenstein(1.5)
+    ...     sg.media.HenyeyGreenstein(1.5)
     ... except sg.RuleError as error:
     ...     print(str(error).partition(";")[0])
     HenyeyGreenstein.g must be between -1 and 1, both excluded
@@ -76,7 +76,7 @@ class DoubtWarning(UserWarning):
     >>> import specklegen as sg
     >>> with warnings.catch_warnings():
     ...     warnings.simplefilter("error", sg.DoubtWarning)  # stop where there is doubt
-    ...     slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
+    ...     slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.media.Isotropic())
     """
 
 

@@ -4,14 +4,14 @@
 extra, PyTorch too: whoever meets the border is told its name.
 """
 
+import re
+import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from types import MappingProxyType
+from pathlib import Path
 from typing import Any
-
-import lazy_loader
 
 EXTRAS = {
     "torch": "torch", "skimage": "photographs", "sklearn": "digits", "miepython": "mie", "distributed": "dask",
@@ -46,21 +46,33 @@ def extras_named() -> Iterator[None]:
         raise ModuleNotFoundError(advice, name=error.name) from error
 
 
-def lazy_names(
-    package: str, file: str, moved: Mapping[str, str] = MappingProxyType({})
-) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package, from the names in its ``__init__.pyi``.
+_STUB = re.compile(r"^from \.(\S*) import (\w+) as \w+$", re.MULTILINE)
 
-    Names that ``moved`` to another place, "package.name", are found with a ``DeprecationWarning`` that says it.
+
+def lazy_names(
+    package: str, file: str, moved: Callable[[str], str | None] = lambda name: None, unlisted: Collection[str] = ()
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:  # fmt: skip
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package or a module, from the names in its ``.pyi``.
+
+    ``moved`` returns the new place of an old name, "package.name"; to use that is a ``DeprecationWarning``. Names that
+    are ``unlisted`` stand in the stub alone.
     """
-    load, names, public = lazy_loader.attach_stub(package, file)
+    stub = Path(file).with_suffix(".pyi")
+    parent = package if stub.stem == "__init__" else package.rpartition(".")[0]
+    modules = {name: module for module, name in _STUB.findall(stub.read_text(encoding="utf-8"))}
 
     def __getattr__(name: str) -> Any:
         with extras_named():
-            if name not in moved:
-                return load(name)
-            warnings.warn(f"{package}.{name} is now {moved[name]}", DeprecationWarning, stacklevel=2)
-            place, _, new = moved[name].rpartition(".")
-            return getattr(import_module(place), new)
+            if name in modules:
+                module = import_module(f"{parent}.{modules[name] or name}")
+                value = getattr(module, name) if modules[name] else module
+                setattr(sys.modules[package], name, value)
+                return value
+            if place := None if name.startswith("_") else moved(name):
+                warnings.warn(f"{package}.{name} is now {place}", DeprecationWarning, stacklevel=2)
+                module, _, new = place.rpartition(".")
+                return getattr(import_module(module), new)
+        raise AttributeError(f"module {package!r} has no attribute {name!r}", name=name, obj=sys.modules[package])
 
-    return __getattr__, names, public
+    listed = sorted(modules.keys() - set(unlisted))
+    return __getattr__, lambda: [*listed], listed

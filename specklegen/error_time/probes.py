@@ -41,7 +41,7 @@ class Probes:
 
     @property
     def quadruples(self) -> np.ndarray:
-        """int64[n + m, 4], rows (light, view, light, view) as :func:`specklegen.covariance` takes them."""
+        """int64[n + m, 4], rows (light, view, light, view) as :func:`specklegen.statistics.covariance` takes them."""
         return self.points[self.ends].reshape(-1, 4)
 
     def scale(self, value: np.ndarray) -> np.ndarray:

@@ -99,7 +99,7 @@ class CameraFit(Pictured):
     >>> import specklegen as sg
     >>> counts = lambda level, seed: np.random.default_rng(seed).poisson(level, (2, 64, 64)) + 5  # a gain of 1
     >>> dark = np.random.default_rng(9).normal(5, 1, (2, 64, 64)).round()
-    >>> fit = sg.fit_camera([counts(20, 1), counts(50, 2), counts(200, 3)], dark, bit_depth=10)
+    >>> fit = sg.fit.fit_camera([counts(20, 1), counts(50, 2), counts(200, 3)], dark, bit_depth=10)
     >>> sorted(fit.table), fit.camera(photons=300.0).bit_depth
     (['bit_depth', 'gain', 'offset', 'read_noise'], 10)
     """
@@ -190,7 +190,7 @@ def fit_camera(pairs: Sequence[ArrayLike], dark: ArrayLike, *, bit_depth: int | 
     ...     camera = Camera(photons=max(photons, 1e-9), gain=2.5, read_noise=3.0, offset=20.0, bit_depth=12)
     ...     return expose(camera, light, NoiseStreams.of(seed))
     >>> pairs = [(frame(n, n), frame(n, n + 1)) for n in (50, 100, 200, 400)]
-    >>> fit = sg.fit_camera(pairs, dark=[frame(0, 1), frame(0, 2)])
+    >>> fit = sg.fit.fit_camera(pairs, dark=[frame(0, 1), frame(0, 2)])
     >>> abs(fit.gain - 2.5) < 4 * fit.gain_error < 0.1
     True
     """

@@ -58,10 +58,10 @@ def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
-    >>> light = sg.CollimatedBeams.tilts([0.0], width=100.0)
-    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((1, 3), 1e-3))
-    >>> sg.mean_field(scene).shape
+    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.media.Isotropic())
+    >>> light = sg.light.CollimatedBeams.tilts([0.0], width=100.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.sensors.FarField.grid((1, 3), 1e-3))
+    >>> sg.statistics.mean_field(scene).shape
     (1, 1, 3)
     """
     lights = instance("mean_field scene", scene, Scene).illumination

@@ -76,8 +76,8 @@ class ReflectanceTransmittance(Pictured):
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=2.0, mean_free_path=1.0, albedo=0.9, scatterer=sg.HenyeyGreenstein(0.75))
-    >>> light = sg.reflectance_transmittance(slab, paths=10_000)
+    >>> slab = sg.Slab(thickness=2.0, mean_free_path=1.0, albedo=0.9, scatterer=sg.media.HenyeyGreenstein(0.75))
+    >>> light = sg.statistics.reflectance_transmittance(slab, paths=10_000)
     >>> round(light.reflectance, 2), round(light.transmittance, 2), round(light.ballistic, 4)
     (0.1, 0.66, 0.1353)
     """
@@ -133,7 +133,7 @@ def reflectance_transmittance(
         float64[n + 1], rising from 0 to pi/2: bounds of the steps over which densities are taken. By default 30
         steps of three degrees; narrower ones show a forward lobe.
     budget
-        Paths, an error or a time, seed and threads (:class:`specklegen.Budget`). ``rel_error`` is the largest
+        Paths, an error or a time, seed and threads (:class:`specklegen.results.Budget`). ``rel_error`` is the largest
         standard error of the totals, as a share of the incident light. By default 100 000 paths.
     fields
         Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
@@ -146,9 +146,9 @@ def reflectance_transmittance(
     Examples
     --------
     >>> import specklegen as sg
-    >>> skin = sg.Slab(thickness=1.0, mean_free_path=0.05, albedo=0.99, scatterer=sg.HenyeyGreenstein(0.9),
-    ...                faces=sg.Faces(inside=1.4, outside=1.0))
-    >>> light = sg.reflectance_transmittance(skin, angle=0.5, paths=10_000, seed=1)
+    >>> skin = sg.Slab(thickness=1.0, mean_free_path=0.05, albedo=0.99, scatterer=sg.media.HenyeyGreenstein(0.9),
+    ...                faces=sg.media.Faces(inside=1.4, outside=1.0))
+    >>> light = sg.statistics.reflectance_transmittance(skin, angle=0.5, paths=10_000, seed=1)
     >>> round(light.reflectance + light.transmittance + light.absorptance, 12), round(light.specular, 3)
     (1.0, 0.029)
     >>> light.transmitted.shape  # steps of three degrees

@@ -1,6 +1,6 @@
 """What a laboratory measures of a slab, as values: with standard errors, checked once.
 
-Each is a mean over speckle, and says of the material what :func:`specklegen.fit_material` makes of it.
+Each is a mean over speckle, and says of the material what :func:`specklegen.fit.fit_material` makes of it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Observation(Pictured):
 
     @property
     def planned(self) -> bool:
-        """Whether nothing was measured yet: values given as None, for :func:`specklegen.advise`."""
+        """Whether nothing was measured yet: values given as None, for :func:`specklegen.fit.advise`."""
         return bool(np.isnan(self.values).any())
 
 

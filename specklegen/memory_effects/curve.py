@@ -196,7 +196,7 @@ class MemoryEffect(Pictured, Labelled):
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.9))
     >>> curve = sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 2e-3], paths=2000)
     >>> curve.intensity.round(1)
     array([1. , 0.9])
@@ -270,7 +270,7 @@ def memory_effect(
         Of the tilts from that polarisation, radians: 0 along it, pi/2 across it. The curves differ
         (docs/polarisation.md).
     budget
-        Paths, an error or a time, seed, threads and reversed paths (:class:`specklegen.Budget`). ``rel_error``
+        Paths, an error or a time, seed, threads and reversed paths (:class:`specklegen.results.Budget`). ``rel_error``
         is the largest standard error of ``intensity``. By default 100 000 paths.
     view
         float[3], direction of the view at zero tilt. Default: the axis in transmission, and in reflection
@@ -295,7 +295,7 @@ def memory_effect(
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(0.9))
     >>> curve = sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 1e-4, 2e-4], paths=10_000)
     >>> curve.intensity.round(1), curve.standard_error.shape
     (array([1. , 0.8, 0.6]), (3,))

@@ -40,15 +40,16 @@ class ExposureContrast(Pictured, Labelled):
     squared : float64[...]
         K^2 = <I^2> / <I>^2 - 1 of the intensity over an exposure: 1 at rest.
     standard_error : float64[...]
-        Of ``squared``, as of a :class:`specklegen.TemporalCorrelation`.
+        Of ``squared``, as of a :class:`specklegen.results.TemporalCorrelation`.
 
     Examples
     --------
     >>> import specklegen as sg
     >>> slab = sg.Slab(
-    ...     thickness=100.0, mean_free_path=10.0, scatterer=sg.Isotropic(), motion=sg.Brownian(diffusion=1.0)
+    ...     thickness=100.0, mean_free_path=10.0, scatterer=sg.media.Isotropic(),
+    ... motion=sg.media.Brownian(diffusion=1.0)
     ... )
-    >>> curve = sg.temporal_correlation(slab, wavelength=6.283185, lags=[0.0], paths=20_000)
+    >>> curve = sg.statistics.temporal_correlation(slab, wavelength=6.283185, lags=[0.0], paths=20_000)
     >>> curve.contrast([0.01, 0.05]).squared.round(2)  # T / tau0
     array([0.54, 0.18])
     """

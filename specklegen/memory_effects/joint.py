@@ -63,8 +63,8 @@ class JointCorrelation(Pictured, Labelled):
     Examples
     --------
     >>> import specklegen as sg
-    >>> screen = sg.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
-    >>> found = sg.joint_correlation(screen, wavelength=0.5, tilts=[0.0, 0.01], shifts=[0.0, 5.0])
+    >>> screen = sg.media.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
+    >>> found = sg.statistics.joint_correlation(screen, wavelength=0.5, tilts=[0.0, 0.01], shifts=[0.0, 5.0])
     >>> found.magnitude.shape
     (2, 2)
     """
@@ -133,7 +133,7 @@ def joint_correlation(
     lags
         Time between, or float[L] times, which add an axis to the result: of a slab with a ``motion``.
     budget
-        Paths through a slab, an error or a time, seed and threads (:class:`specklegen.Budget`); at least one
+        Paths through a slab, an error or a time, seed and threads (:class:`specklegen.results.Budget`); at least one
         path a batch of 64, and none through screens. ``rel_error`` is the largest standard error of
         ``magnitude``. By default 100 000 paths.
     fields
@@ -148,8 +148,8 @@ def joint_correlation(
     Examples
     --------
     >>> import specklegen as sg
-    >>> screen = sg.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
-    >>> found = sg.joint_correlation(screen, wavelength=0.5, tilts=[0.0, 0.01], shifts=[0.0, 5.0])
+    >>> screen = sg.media.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
+    >>> found = sg.statistics.joint_correlation(screen, wavelength=0.5, tilts=[0.0, 0.01], shifts=[0.0, 5.0])
     >>> found.magnitude.round(3)
     array([[1.   , 0.136],
            [1.   , 0.136]])

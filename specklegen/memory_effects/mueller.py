@@ -66,8 +66,8 @@ class MuellerMatrix(Pictured):
     Examples
     --------
     >>> import specklegen as sg
-    >>> air = sg.Slab(thickness=1000.0, mean_free_path=1000.0, scatterer=sg.Rayleigh(), polarisation="vector")
-    >>> found = sg.mueller_matrix(air, wavelength=0.5, paths=4000)
+    >>> air = sg.Slab(thickness=1000.0, mean_free_path=1000.0, scatterer=sg.media.Rayleigh(), polarisation="vector")
+    >>> found = sg.statistics.mueller_matrix(air, wavelength=0.5, paths=4000)
     >>> round(found.linear, 1), round(found.contrast, 1)
     (0.7, 0.9)
     """
@@ -146,7 +146,7 @@ def mueller_matrix(
         with the direction of travel, as is usual (van de Hulst 1957; Bohren and Huffman 1983): of light sent back U and
         V have the other sign. In transmission both are one.
     budget
-        Paths, an error or a time, seed, threads and reversed paths (:class:`specklegen.Budget`). ``rel_error``
+        Paths, an error or a time, seed, threads and reversed paths (:class:`specklegen.results.Budget`). ``rel_error``
         is the largest standard error of the degrees of polarisation. By default 100 000 paths.
     fields
         Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
@@ -165,9 +165,9 @@ def mueller_matrix(
     --------
     >>> import specklegen as sg
     >>> tissue = sg.Slab(
-    ...     thickness=1000.0, mean_free_path=200.0, scatterer=sg.HenyeyGreenstein(0.9), polarisation="projector"
+    ...     thickness=1000.0, mean_free_path=200.0, scatterer=sg.media.HenyeyGreenstein(0.9), polarisation="projector"
     ... )
-    >>> sg.mueller_matrix(tissue, wavelength=0.5, paths=4000).linear > 0.95
+    >>> sg.statistics.mueller_matrix(tissue, wavelength=0.5, paths=4000).linear > 0.95
     True
     """
     owner = "mueller_matrix"

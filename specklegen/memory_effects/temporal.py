@@ -90,9 +90,10 @@ class TemporalCorrelation(Pictured, Labelled):
     --------
     >>> import specklegen as sg
     >>> slab = sg.Slab(
-    ...     thickness=100.0, mean_free_path=10.0, scatterer=sg.Isotropic(), motion=sg.Brownian(diffusion=0.1)
+    ...     thickness=100.0, mean_free_path=10.0, scatterer=sg.media.Isotropic(),
+    ... motion=sg.media.Brownian(diffusion=0.1)
     ... )
-    >>> curve = sg.temporal_correlation(slab, wavelength=6.283, lags=[0.0, 0.1, 1.0], paths=5000)
+    >>> curve = sg.statistics.temporal_correlation(slab, wavelength=6.283, lags=[0.0, 0.1, 1.0], paths=5000)
     >>> curve.intensity.round(1)
     array([1. , 0.1, 0. ])
     """
@@ -199,7 +200,7 @@ def temporal_correlation(
         float64[3], in flatland float64[2]: unit vector along which light is seen. By default the axis in transmission,
         and in reflection 5 degrees off exact backscattering, away from its enhancement.
     budget
-        Paths, an error or a time, seed, threads and reversed paths (:class:`specklegen.Budget`). ``rel_error``
+        Paths, an error or a time, seed, threads and reversed paths (:class:`specklegen.results.Budget`). ``rel_error``
         is the largest standard error of ``intensity``. By default 100 000 paths.
     fields
         Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
@@ -218,9 +219,9 @@ def temporal_correlation(
     --------
     >>> import numpy as np
     >>> import specklegen as sg
-    >>> fluid = sg.Brownian.of_sphere(radius=0.25, viscosity=1e-3, temperature=293.0)  # um, s
-    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9), motion=fluid)
-    >>> curve = sg.temporal_correlation(slab, wavelength=0.4, lags=[0.0, 1e-3, 5e-3], paths=5000)
+    >>> fluid = sg.media.Brownian.of_sphere(radius=0.25, viscosity=1e-3, temperature=293.0)  # um, s
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(0.9), motion=fluid)
+    >>> curve = sg.statistics.temporal_correlation(slab, wavelength=0.4, lags=[0.0, 1e-3, 5e-3], paths=5000)
     >>> curve.intensity.round(1), curve.static_share < 0.03
     (array([1. , 0.7, 0.3]), True)
     """

@@ -102,7 +102,7 @@ def plan(
         What to simulate: medium, light and sensor.
     budget
         Paths of each realization or an error, threads for which seconds are predicted, and reversed paths,
-        which a view close to exact backscattering asks for (:class:`specklegen.Budget`). By default 100 000
+        which a view close to exact backscattering asks for (:class:`specklegen.results.Budget`). By default 100 000
         paths. ``rel_error`` is the square root of the excess correlation between intensities that a finite
         number of paths leaves within an image, at the worst view: of (2 E w^2 - (E w)^2 - E sum_B w_B^2) / (N
         (E w)^2), w the contribution of a path and w_B of one of its connections, which share their entrance.
@@ -121,7 +121,7 @@ def plan(
     field_tolerance
         Relative error of the NUFFT against the direct sum, between 0 and 1; 0.001 by default. Smaller is slower.
     streamed
-        State, and hold against the memory there is, what :func:`specklegen.render_tiles` holds at a time.
+        State, and hold against the memory there is, what :func:`specklegen.results.render_tiles` holds at a time.
     envelope
         Whether the stationary sampler may draw fields under an envelope that turns with the tilt, and by the
         correlation about another direction than the axis; False of recipes, whose modes know neither.
@@ -141,9 +141,10 @@ def plan(
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
-    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
-    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.9))
+    >>> light = sg.light.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light,
+    ...                  sensor=sg.sensors.FarField.grid((16, 16), 2e-5))
     >>> sg.plan(scene).sampler
     'stationary'
     >>> sg.plan(scene, sampler="paths", rel_error=0.1).paths
@@ -363,7 +364,7 @@ def _too_narrow(scene: Scene, lit: LitPlane, asked: type[Sampler] | None) -> Dec
 
 
 def streaming_obstacle(scene: Scene) -> str | None:
-    """Why :func:`specklegen.render_tiles` does not serve a scene; None where it does."""
+    """Why :func:`specklegen.results.render_tiles` does not serve a scene; None where it does."""
     if scene.illumination.focused:
         return "beams that are focused, whose fields are sums over others"
     if scene.sensor.regular_grid is not None and getattr(scene.illumination, "exposure", None) is not None:

@@ -30,8 +30,8 @@ class Faces(Value):
     Examples
     --------
     >>> import specklegen as sg
-    >>> glass = sg.Faces(inside=1.5, outside=1.0)
-    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.Isotropic(), faces=glass)
+    >>> glass = sg.media.Faces(inside=1.5, outside=1.0)
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.media.Isotropic(), faces=glass)
     >>> round(glass.largest_sine, 3)  # of views from outside, measured inside
     0.667
     """

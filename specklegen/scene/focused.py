@@ -57,9 +57,10 @@ class FocusedBeams(Light):
     Examples
     --------
     >>> import specklegen as sg
-    >>> tissue = sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))  # wavelengths
-    >>> light = sg.FocusedBeams([[0.0, 0.0, 20.0]], aperture=0.1)
-    >>> scene = sg.Scene(wavelength=1.0, medium=tissue, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-3))
+    >>> tissue = sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.9))  # wavelengths
+    >>> light = sg.light.FocusedBeams([[0.0, 0.0, 20.0]], aperture=0.1)
+    >>> scene = sg.Scene(wavelength=1.0, medium=tissue, illumination=light,
+    ...                  sensor=sg.sensors.FarField.grid((16, 16), 2e-3))
     >>> sg.render(scene, paths=500, seed=0).field.shape
     (1, 16, 16)
     """
@@ -178,7 +179,7 @@ class FocusedBeams(Light):
         Examples
         --------
         >>> import specklegen as sg
-        >>> light = sg.FocusedBeams([[0.0, 0.0, 30.0]], waist=3.0)
+        >>> light = sg.light.FocusedBeams([[0.0, 0.0, 30.0]], waist=3.0)
         >>> peak, beside = abs(light.field([[0.0, 0.0, 30.0], [3.0, 0.0, 30.0]], wavelength=1.0))[0]
         >>> round(beside / peak, 3)  # 1/e, and less by the cosine of wide angles
         0.368

@@ -99,7 +99,7 @@ class PlaneWaves(Light):
     Examples
     --------
     >>> import specklegen as sg
-    >>> sg.PlaneWaves([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]]).directions.shape
+    >>> sg.light.PlaneWaves([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]]).directions.shape
     (2, 3)
     """
 
@@ -154,10 +154,10 @@ class CollimatedBeams(Light):
     Examples
     --------
     >>> import specklegen as sg
-    >>> beams = sg.CollimatedBeams.tilts([0.0, 1e-4, 2e-4], width=1000.0)  # radians from the axis, towards x
+    >>> beams = sg.light.CollimatedBeams.tilts([0.0, 1e-4, 2e-4], width=1000.0)  # radians from the axis, towards x
     >>> beams.directions.shape
     (3, 3)
-    >>> sg.CollimatedBeams.tilts([0.0, 0.0], width=1000.0, times=[0.0, 1.0], exposure=[1e-3, 0.1]).exposure
+    >>> sg.light.CollimatedBeams.tilts([0.0, 0.0], width=1000.0, times=[0.0, 1.0], exposure=[1e-3, 0.1]).exposure
     array([0.001, 0.1  ])
     """
 
@@ -285,7 +285,7 @@ class PointSources(Light):
     Examples
     --------
     >>> import specklegen as sg
-    >>> sg.PointSources([[0.0, 0.0, -500.0]]).points.shape  # before the medium
+    >>> sg.light.PointSources([[0.0, 0.0, -500.0]]).points.shape  # before the medium
     (1, 3)
     """
 
@@ -326,7 +326,7 @@ class IncoherentObject(Light):
     >>> import specklegen as sg
     >>> letter = np.zeros((28, 28))
     >>> letter[6:22, 8:11] = letter[19:22, 8:20] = 1.0  # L
-    >>> hidden = sg.IncoherentObject(brightness=letter, pitch=1e-5, width=1000.0)
+    >>> hidden = sg.light.IncoherentObject(brightness=letter, pitch=1e-5, width=1000.0)
     >>> hidden.directions.shape
     (784, 3)
     """

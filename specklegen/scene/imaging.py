@@ -48,8 +48,8 @@ class Pupil(Value):
     Examples
     --------
     >>> import specklegen as sg
-    >>> ring = sg.Pupil(stop=0.5)
-    >>> blurred = sg.Pupil(zernike=[0.0, 0.0, 0.0, 0.25])  # a quarter of a wave of defocus, rms
+    >>> ring = sg.sensors.Pupil(stop=0.5)
+    >>> blurred = sg.sensors.Pupil(zernike=[0.0, 0.0, 0.0, 0.25])  # a quarter of a wave of defocus, rms
     >>> bool(ring.transmission(0.0, 0.1)), round(float(abs(blurred.transmission(0.0, 0.1))), 6)  # near the middle
     (False, 1.0)
     """
@@ -169,9 +169,9 @@ class Imaging(Sensor):
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=50.0, mean_free_path=25.0, scatterer=sg.HenyeyGreenstein(0.9))
-    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-3], width=60.0)
-    >>> camera = sg.Imaging(shape=(32, 32), pitch=1.0, aperture=0.2, focus=-10.0)
+    >>> slab = sg.Slab(thickness=50.0, mean_free_path=25.0, scatterer=sg.media.HenyeyGreenstein(0.9))
+    >>> light = sg.light.CollimatedBeams.tilts([0.0, 1e-3], width=60.0)
+    >>> camera = sg.sensors.Imaging(shape=(32, 32), pitch=1.0, aperture=0.2, focus=-10.0)
     >>> scene = sg.Scene(wavelength=1.0, medium=slab, illumination=light, sensor=camera)
     >>> sg.render(scene, paths=2000, seed=0).field.shape
     (2, 32, 32)

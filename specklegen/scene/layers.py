@@ -2,7 +2,7 @@
 
 A medium of one's own between two planes needs one thing, what its layers are:
 
-    class Graded(sg.Stratified):
+    class Graded(sg.media.Stratified):
         thickness: float
         top: float
         bottom: float
@@ -10,7 +10,7 @@ A medium of one's own between two planes needs one thing, what its layers are:
         @property
         def layers(self):
             paths = np.geomspace(self.top, self.bottom, 32)
-            return [sg.Layer(thickness=self.thickness / 32, mean_free_path=path, scatterer=...) for path in paths]
+            return [sg.media.Layer(thickness=self.thickness / 32, mean_free_path=path, scatterer=...) for path in paths]
 
 It is then a medium everywhere: in scenes, in every sampler, in the memory effect, in files by ``type = "Graded"``.
 """
@@ -61,7 +61,7 @@ class Layer(Value):
     Examples
     --------
     >>> import specklegen as sg
-    >>> sg.Layer(thickness=60.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.8)).optical_depth
+    >>> sg.media.Layer(thickness=60.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.8)).optical_depth
     3.0
     """
 
@@ -191,12 +191,13 @@ class Stratified(PlaneParallel, Registered):
     Examples
     --------
     >>> import specklegen as sg
-    >>> class Denser(sg.Stratified):
+    >>> class Denser(sg.media.Stratified):
     ...     thickness: float
     ...     @property
     ...     def layers(self):
     ...         paths, share = [20.0, 10.0, 5.0, 2.5], self.thickness / 4
-    ...         return [sg.Layer(thickness=share, mean_free_path=path, scatterer=sg.Isotropic()) for path in paths]
+    ...         return [sg.media.Layer(thickness=share, mean_free_path=path, scatterer=sg.media.Isotropic())
+    ...                 for path in paths]
     >>> Denser(thickness=40.0).optical_depth
     7.5
     """
@@ -339,8 +340,9 @@ class Layers(Stratified):
     Examples
     --------
     >>> import specklegen as sg
-    >>> skin = sg.Layer(thickness=100.0, mean_free_path=25.0, scatterer=sg.HenyeyGreenstein(0.8))
-    >>> fat = sg.Layer(thickness=900.0, mean_free_path=90.0, albedo=0.99, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> skin = sg.media.Layer(thickness=100.0, mean_free_path=25.0, scatterer=sg.media.HenyeyGreenstein(0.8))
+    >>> fat = sg.media.Layer(thickness=900.0, mean_free_path=90.0, albedo=0.99,
+    ...                      scatterer=sg.media.HenyeyGreenstein(0.9))
     >>> both = sg.Layers(layers=[skin, fat])
     >>> both.thickness, both.optical_depth, both.edges
     (1000.0, 14.0, array([   0.,  100., 1000.]))

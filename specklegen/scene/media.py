@@ -100,7 +100,7 @@ class Slab(PlaneParallel):
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(0.9))
     >>> slab.optical_depth, round(slab.transport_length)
     (10.0, 1000)
     """
@@ -194,7 +194,7 @@ class Box(_Bounded):
     Examples
     --------
     >>> import specklegen as sg
-    >>> box = sg.Box(lower=[-50, -50, 0], upper=[50, 50, 20], mean_free_path=10.0, scatterer=sg.Isotropic())
+    >>> box = sg.media.Box(lower=[-50, -50, 0], upper=[50, 50, 20], mean_free_path=10.0, scatterer=sg.media.Isotropic())
     >>> box.thickness, box.optical_depth
     (20.0, 2.0)
     """
@@ -260,7 +260,8 @@ class VoxelGrid(_Bounded):
     >>> extinction = np.full((4, 8, 8), 0.1)  # [z, y, x], per unit length
     >>> extinction[:2] = 0.0
     >>> corners = [-40, -40, 0], [40, 40, 40]
-    >>> cloud = sg.VoxelGrid(lower=corners[0], upper=corners[1], extinction=extinction, scatterers=[sg.Isotropic()])
+    >>> cloud = sg.media.VoxelGrid(lower=corners[0], upper=corners[1], extinction=extinction,
+    ...                            scatterers=[sg.media.Isotropic()])
     >>> round(cloud.optical_depth, 3)
     2.0
     """

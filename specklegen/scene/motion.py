@@ -9,7 +9,7 @@ Maret and Wolf, Z. Phys. B 65, 409 (1987); Pine, Weitz, Chaikin, Herbolzheimer, 
 is that of three components, which share it evenly; in flatland two of them are left, 4 D tau for 6 D tau. A law of
 one's own is one method:
 
-    class Subdiffusion(sg.Motion):
+    class Subdiffusion(sg.media.Motion):
         amount: float
         power: float
 
@@ -61,7 +61,7 @@ class Motion(Registered):
     Examples
     --------
     >>> import specklegen as sg
-    >>> class Slowing(sg.Motion):
+    >>> class Slowing(sg.media.Motion):
     ...     amount: float
     ...     def mean_square(self, lag):
     ...         return self.amount * lag**0.5
@@ -118,8 +118,8 @@ class Brownian(Motion):
     Examples
     --------
     >>> import specklegen as sg
-    >>> fluid = sg.Brownian(diffusion=0.857)  # um^2 / s
-    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9), motion=fluid)
+    >>> fluid = sg.media.Brownian(diffusion=0.857)  # um^2 / s
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(0.9), motion=fluid)
     >>> round(float(slab.motion.mean_square(1e-3)), 6)
     0.005142
     """
@@ -148,7 +148,7 @@ class Brownian(Motion):
         Examples
         --------
         >>> import specklegen as sg
-        >>> round(sg.Brownian.of_sphere(radius=0.25, viscosity=1.002e-3, temperature=293.15).diffusion, 3)
+        >>> round(sg.media.Brownian.of_sphere(radius=0.25, viscosity=1.002e-3, temperature=293.15).diffusion, 3)
         0.857
         """
         given = {"radius": radius, "viscosity": viscosity, "temperature": temperature, "unit": unit}
@@ -182,7 +182,7 @@ class Flow(Motion):
     --------
     >>> import numpy as np
     >>> import specklegen as sg
-    >>> class Turntable(sg.Flow):
+    >>> class Turntable(sg.media.Flow):
     ...     per_second: float
     ...     def affine(self, dimension):
     ...         turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
@@ -212,8 +212,8 @@ class Drift(Flow):
     Examples
     --------
     >>> import specklegen as sg
-    >>> blood = sg.Drift(velocity=[500.0, 0.0, 0.0])  # um / s
-    >>> still = sg.Layer(thickness=300.0, mean_free_path=100.0, scatterer=sg.HenyeyGreenstein(0.9))
+    >>> blood = sg.media.Drift(velocity=[500.0, 0.0, 0.0])  # um / s
+    >>> still = sg.media.Layer(thickness=300.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(0.9))
     >>> sg.Layers(layers=[still, still.replace(motion=blood), still]).moves
     True
     """
@@ -248,9 +248,9 @@ class Shear(Flow):
     --------
     >>> import specklegen as sg
     >>> slab = sg.Slab(
-    ...     thickness=100.0, mean_free_path=10.0, scatterer=sg.Isotropic(), motion=sg.Shear(rate=20.0)
+    ...     thickness=100.0, mean_free_path=10.0, scatterer=sg.media.Isotropic(), motion=sg.media.Shear(rate=20.0)
     ... )
-    >>> curve = sg.temporal_correlation(slab, wavelength=6.283185, lags=[0.0, 2.5e-3], paths=5000)
+    >>> curve = sg.statistics.temporal_correlation(slab, wavelength=6.283185, lags=[0.0, 2.5e-3], paths=5000)
     >>> curve.intensity.round(1)
     array([1. , 0.2])
     """

@@ -30,10 +30,10 @@ class Polarisers(Value):
     Examples
     --------
     >>> import specklegen as sg
-    >>> sg.Polarisers.crossed().analyser
+    >>> sg.light.Polarisers.crossed().analyser
     array([0.+0.j, 1.+0.j])
     >>> quarter_wave = [[1, 0], [0, 1j]]
-    >>> sg.Polarisers.parallel(angle=0.7853981633974483).behind(quarter_wave).light.round(3)
+    >>> sg.light.Polarisers.parallel(angle=0.7853981633974483).behind(quarter_wave).light.round(3)
     array([0.707+0.j   , 0.   +0.707j])
     """
 

@@ -58,9 +58,10 @@ class Scene(Value, Pictured):
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
-    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
-    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
+    >>> slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.9))
+    >>> light = sg.light.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light,
+    ...                  sensor=sg.sensors.FarField.grid((16, 16), 2e-5))
     >>> scene.optical_depth, scene.speckle_size
     (5.0, 0.0001)
     >>> sg.Scene.from_toml(scene.to_toml()) == scene

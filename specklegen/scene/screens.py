@@ -56,7 +56,7 @@ class PhaseScreen(_Thin):
     Examples
     --------
     >>> import specklegen as sg
-    >>> screen = sg.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
+    >>> screen = sg.media.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
     >>> round(screen.rms_angle(0.5), 4)
     0.0338
     """
@@ -214,8 +214,8 @@ class ScreenStack(_Thin):
     Examples
     --------
     >>> import specklegen as sg
-    >>> screen = sg.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
-    >>> sg.ScreenStack(screens=[screen, screen], gaps=[200.0]).thickness
+    >>> screen = sg.media.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
+    >>> sg.media.ScreenStack(screens=[screen, screen], gaps=[200.0]).thickness
     200.0
     """
 

@@ -44,7 +44,7 @@ class Sensor(Registered):
     --------
     >>> import numpy as np
     >>> import specklegen as sg
-    >>> class Ring(sg.Sensor):
+    >>> class Ring(sg.sensors.Sensor):
     ...     sine: float
     ...     count: int = 16
     ...     @property
@@ -120,10 +120,10 @@ class FarField(Sensor):
     Examples
     --------
     >>> import specklegen as sg
-    >>> views = sg.FarField([[0.0, 0.0, 1.0], [0.0, 0.6, 0.8]])  # straight on, and at 37 degrees
+    >>> views = sg.sensors.FarField([[0.0, 0.0, 1.0], [0.0, 0.6, 0.8]])  # straight on, and at 37 degrees
     >>> views.shape
     (2,)
-    >>> sg.FarField.grid((64, 64), 1e-3).shape  # a camera
+    >>> sg.sensors.FarField.grid((64, 64), 1e-3).shape  # a camera
     (64, 64)
     """
 
@@ -192,7 +192,7 @@ class FarFieldGrid(Sensor):
     Examples
     --------
     >>> import specklegen as sg
-    >>> camera = sg.FarFieldGrid(shape=(3, 4), pitch=1e-3, center=(0.01, 0.0))
+    >>> camera = sg.sensors.FarFieldGrid(shape=(3, 4), pitch=1e-3, center=(0.01, 0.0))
     >>> camera.directions.shape
     (3, 4, 3)
     """
@@ -316,7 +316,7 @@ class NearField(Sensor):
     Examples
     --------
     >>> import specklegen as sg
-    >>> points = sg.NearField([[0.0, 0.0, 120.0], [1.0, 0.0, 120.0]])  # lengths
+    >>> points = sg.sensors.NearField([[0.0, 0.0, 120.0], [1.0, 0.0, 120.0]])  # lengths
     >>> points.shape
     (2,)
     """

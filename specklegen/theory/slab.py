@@ -83,7 +83,7 @@ def internal_reflection(inside: float, outside: float = 1.0, wall: float | None 
     Parameters
     ----------
     inside, outside, wall
-        Refractive indices, as those of :class:`specklegen.Faces`.
+        Refractive indices, as those of :class:`specklegen.media.Faces`.
     """
     indices = inside, inside if wall is None else wall, outside
     # R has a root at the critical cosine: two pieces, nodes dense on both sides of it.

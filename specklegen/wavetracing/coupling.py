@@ -194,14 +194,14 @@ def light_behind(values: np.ndarray, sensor: FarFieldGrid, wavelength: Annotated
     --------
     >>> import numpy as np, specklegen as sg
     >>> from specklegen.wavetracing import light_behind
-    >>> views = sg.FarField.grid((3, 3), 0.1)
+    >>> views = sg.sensors.FarField.grid((3, 3), 0.1)
     >>> light_behind(np.ones((3, 3)), views, wavelength=0.5).amplitudes.shape
     (9,)
     """
     wavelength = positive_number("light_behind wavelength", wavelength)
     grid = getattr(sensor, "regular_grid", None)
     if grid is None:
-        reject("light_behind sensor", "views on a grid, as sg.FarField.grid makes", sensor)
+        reject("light_behind sensor", "views on a grid, as sg.sensors.FarField.grid makes", sensor)
     directions = grid.directions.reshape(-1, 3)
     values = complex_array("light_behind values", values).ravel()
     if len(values) != len(directions):

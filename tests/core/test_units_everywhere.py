@@ -7,10 +7,11 @@ import re
 
 from pydantic import BaseModel
 
-from specklegen import theory
+from specklegen import SUBJECTS, theory
 from specklegen.core.quantities import _nodes_of, nodes_of
 
-PACKAGES = ("", ".coherence", ".datasets", ".fdtd", ".instrument", ".materials", ".measured", ".models", ".wavetracing",
+PACKAGES = ("", *(f".{name}" for name in SUBJECTS), ".datasets", ".fdtd", ".instrument", ".materials", ".measured",
+            ".models", ".wavetracing",
             *(f".theory.{each.name}" for each in pkgutil.iter_modules(theory.__path__)))  # fmt: skip
 QUANTITY = re.compile(
     r"(^|_)(wavelengths?|thickness|length|distance|widths?|pitch|shifts?|radius|radii|diameter|position|points?|center|"

@@ -64,7 +64,7 @@ class Diffuser(Value):
     wavelength
         Between the screens; fixes the unit of every length. Left out where a ``[lab]`` table gives it.
     screens
-        Tables of :class:`specklegen.PhaseScreen` and :class:`specklegen.GroundGlass`, by their ``type``.
+        Tables of :class:`specklegen.media.PhaseScreen` and :class:`specklegen.GroundGlass`, by their ``type``.
     gaps
         Distances between them, one fewer than there are screens.
     """

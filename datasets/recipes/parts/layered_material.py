@@ -47,14 +47,14 @@ class LayerDraws(Value):
     Parameters
     ----------
     thickness, mean_free_path, albedo
-        As of :class:`specklegen.Layer`.
+        As of :class:`specklegen.media.Layer`.
     g
         Anisotropy of Henyey-Greenstein scatterers.
     scatterer
         The particles, of any type; instead of ``g``.
     index
-        Its refractive index, as of :class:`specklegen.Layer`; left out, that of what is around, in which the recipe's
-        wavelength and angles are.
+        Its refractive index, as of :class:`specklegen.media.Layer`; left out, that of what is around, in which the
+        recipe's wavelength and angles are.
     at_rest
         Whether its particles stand still where the recipe's dynamics move those of the others: bone over blood.
     """

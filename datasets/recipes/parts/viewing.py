@@ -1,7 +1,7 @@
 """Where light comes from and where the camera looks: in the engine's terms, or in those of a laboratory.
 
 Engine: a wavelength inside the medium, an illuminated window, a grid of direction sines. Laboratory: a
-table ``[lab]`` with distances, pixels and an aperture (:class:`specklegen.LabSetup`). A recipe is written in
+table ``[lab]`` with distances, pixels and an aperture (:class:`specklegen.instrument.LabSetup`). A recipe is written in
 one or the other; both become a :class:`Viewing`.
 """
 

@@ -73,10 +73,10 @@ class Covariance(Pictured, Labelled):
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
-    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-3], width=100.0)
-    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((1, 3), 1e-3))
-    >>> found = sg.covariance(scene, paths=1000)
+    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.media.Isotropic())
+    >>> light = sg.light.CollimatedBeams.tilts([0.0, 1e-3], width=100.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.sensors.FarField.grid((1, 3), 1e-3))
+    >>> found = sg.statistics.covariance(scene, paths=1000)
     >>> found.intensity.shape  # of every light and view
     (2, 3)
     >>> found.sample(4, seed=0).shape  # Gaussian fields of this covariance
@@ -168,7 +168,7 @@ def covariance(
     scene
         Any medium, lights and sensor. An incoherent object's lights are its lit pixels' beams of unit irradiance.
     budget
-        Paths, an error or a time, seed, threads and reversed paths (:class:`specklegen.Budget`). ``rel_error``
+        Paths, an error or a time, seed, threads and reversed paths (:class:`specklegen.results.Budget`). ``rel_error``
         is the largest standard error over sqrt(C_pp C_qq). By default 100 000 paths.
     pairs
         int[P, 4], rows (light, view, light, view): only these entries. Default: all of them.
@@ -195,10 +195,10 @@ def covariance(
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
-    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-3], width=100.0)
-    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((1, 3), 1e-3))
-    >>> sg.covariance(scene, paths=1000).value.shape  # light, view, light, view
+    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.media.Isotropic())
+    >>> light = sg.light.CollimatedBeams.tilts([0.0, 1e-3], width=100.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.sensors.FarField.grid((1, 3), 1e-3))
+    >>> sg.statistics.covariance(scene, paths=1000).value.shape  # light, view, light, view
     (2, 3, 2, 3)
     """
     budget = budget_of("covariance", budget, fields)
@@ -253,17 +253,17 @@ def covariance_blocks(
     rows
         Rows at a time: memory grows with their number, and paths are traced anew for each block.
     budget
-        Paths, seed, threads and reversed paths (:class:`specklegen.Budget`). By default 100 000 paths.
+        Paths, seed, threads and reversed paths (:class:`specklegen.results.Budget`). By default 100 000 paths.
     fields
         Fields of the budget by name, such as ``paths=10_000, seed=1``, in place of those of ``budget``.
 
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
-    >>> light = sg.CollimatedBeams.tilts([0.0, 1e-3], width=100.0)
-    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((1, 3), 1e-3))
-    >>> for rows, block in sg.covariance_blocks(scene, rows=4, paths=1000):
+    >>> slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.media.Isotropic())
+    >>> light = sg.light.CollimatedBeams.tilts([0.0, 1e-3], width=100.0)
+    >>> scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.sensors.FarField.grid((1, 3), 1e-3))
+    >>> for rows, block in sg.statistics.covariance_blocks(scene, rows=4, paths=1000):
     ...     print(rows, block.value.shape)
     slice(0, 4, None) (4, 2, 3)
     slice(4, 6, None) (2, 2, 3)

@@ -53,8 +53,8 @@ class Replacement(Pictured):
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=500.0, scatterer=sg.HenyeyGreenstein(0.98))
-    >>> found = sg.stack_like(slab, wavelength=0.5, screens=4, paths=2000)
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=500.0, scatterer=sg.media.HenyeyGreenstein(0.98))
+    >>> found = sg.media.stack_like(slab, wavelength=0.5, screens=4, paths=2000)
     >>> len(found.stack.screens), found.of_slab.shape == found.of_stack.shape
     (4, True)
     """
@@ -116,8 +116,8 @@ def stack_like(
     Examples
     --------
     >>> import specklegen as sg
-    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=500.0, scatterer=sg.HenyeyGreenstein(0.98))
-    >>> found = sg.stack_like(slab, wavelength=0.5, screens=4, paths=2000)
+    >>> slab = sg.Slab(thickness=1000.0, mean_free_path=500.0, scatterer=sg.media.HenyeyGreenstein(0.98))
+    >>> found = sg.media.stack_like(slab, wavelength=0.5, screens=4, paths=2000)
     >>> found.stack.thickness, len(found.stack.screens)
     (887.2983346207417, 4)
     """

@@ -26,7 +26,7 @@ class HenyeyGreenstein(Scatterer):
     --------
     >>> import numpy as np
     >>> import specklegen as sg
-    >>> tissue = sg.HenyeyGreenstein(0.9)
+    >>> tissue = sg.media.HenyeyGreenstein(0.9)
     >>> np.abs(tissue.amplitude([1.0, 0.0, -1.0])).round(3)  # at cosines of the scattering angle
     array([3.888, 0.079, 0.047])
     """

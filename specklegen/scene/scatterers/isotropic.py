@@ -15,7 +15,7 @@ class Isotropic(_WithAnisotropy):
     Examples
     --------
     >>> import specklegen as sg
-    >>> sg.Isotropic().g
+    >>> sg.media.Isotropic().g
     0.0
     """
 

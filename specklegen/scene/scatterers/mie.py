@@ -48,7 +48,7 @@ class Mie(_WithAnisotropy):
     Examples
     --------
     >>> import specklegen as sg
-    >>> bead = sg.Mie(radius=0.5, wavelength=0.633 / 1.33, refractive_index=1.59 / 1.33)  # micrometres
+    >>> bead = sg.media.Mie(radius=0.5, wavelength=0.633 / 1.33, refractive_index=1.59 / 1.33)  # micrometres
     >>> round(bead.g, 2)
     0.92
     """

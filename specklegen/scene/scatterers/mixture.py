@@ -26,7 +26,7 @@ class Mixture(_WithAnisotropy):
     Examples
     --------
     >>> import specklegen as sg
-    >>> both = sg.Mixture(types=[sg.HenyeyGreenstein(0.9), sg.Isotropic()], fractions=[0.75, 0.25])
+    >>> both = sg.media.Mixture(types=[sg.media.HenyeyGreenstein(0.9), sg.media.Isotropic()], fractions=[0.75, 0.25])
     >>> round(both.g, 3)
     0.675
     """

@@ -70,8 +70,8 @@ class PercusYevick(_WithAnisotropy):
     Examples
     --------
     >>> import specklegen as sg
-    >>> sphere = sg.Mie(radius=0.1725, wavelength=0.685 / 1.332, refractive_index=1.446 / 1.332)  # micrometres
-    >>> dense = sg.PercusYevick(sphere, 0.135, 0.345)
+    >>> sphere = sg.media.Mie(radius=0.1725, wavelength=0.685 / 1.332, refractive_index=1.446 / 1.332)  # micrometres
+    >>> dense = sg.media.PercusYevick(sphere, 0.135, 0.345)
     >>> slab = sg.Slab(thickness=1000.0, mean_free_path=dense.mean_free_path, scatterer=dense)
     >>> round(slab.transport_length)
     127

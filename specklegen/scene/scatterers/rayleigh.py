@@ -16,7 +16,7 @@ class Rayleigh(_WithAnisotropy):
     Examples
     --------
     >>> import specklegen as sg
-    >>> air = sg.Rayleigh()
+    >>> air = sg.media.Rayleigh()
     >>> (abs(air.amplitude([1.0, 0.0])) ** 2).round(4)  # per steradian
     array([0.1194, 0.0597])
     >>> air.g

@@ -4,7 +4,7 @@ A particle has an amplitude s(cos theta), complex in general, with the integral 
 (4 pi, or 2 pi in flatland) equal to 1; its phase function is |s|^2. A family of particles is one class, and a family of
 one's own needs no more than its amplitude:
 
-    class Screened(sg.Scatterer):
+    class Screened(sg.media.Scatterer):
         concentration: float
 
         def shape(self, cos, dimensions=3):
@@ -70,7 +70,7 @@ class Scatterer(Admitted, Pictured):
     Examples
     --------
     >>> import specklegen as sg
-    >>> class Forward(sg.Scatterer):
+    >>> class Forward(sg.media.Scatterer):
     ...     power: float
     ...     def shape(self, cos, dimensions):
     ...         return (1 + cos) ** self.power

@@ -55,7 +55,7 @@ class Tabulated(_WithAnisotropy):
     >>> import numpy as np
     >>> import specklegen as sg
     >>> theta = np.linspace(0.0, np.pi, 181)
-    >>> measured = sg.Tabulated(theta=theta, amplitude=np.exp(-theta))
+    >>> measured = sg.media.Tabulated(theta=theta, amplitude=np.exp(-theta))
     >>> round(measured.g, 3)
     0.623
     """

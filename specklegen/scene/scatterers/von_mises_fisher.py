@@ -26,7 +26,7 @@ class VonMisesFisher(_WithAnisotropy):
     Examples
     --------
     >>> import specklegen as sg
-    >>> narrow = sg.VonMisesFisher(concentration=100.0)
+    >>> narrow = sg.media.VonMisesFisher(concentration=100.0)
     >>> round(narrow.g, 3)
     0.99
     """

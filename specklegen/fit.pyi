@@ -1,0 +1,10 @@
+from .instrument.photon_transfer import CameraFit as CameraFit
+from .instrument.photon_transfer import fit_camera as fit_camera
+from .models.calibration.advice import Advice as Advice
+from .models.calibration.advice import advise as advise
+from .models.calibration.material_fit import MaterialFit as MaterialFit
+from .models.calibration.material_fit import fit_material as fit_material
+from .models.calibration.setup_fit import SetupFit as SetupFit
+from .models.calibration.setup_fit import fit_setup as fit_setup
+from .models.calibration.twin import Twin as Twin
+from .models.calibration.twin import twin as twin

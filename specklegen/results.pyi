@@ -1,0 +1,12 @@
+from .core.budgets import Budget as Budget
+from .mean.reflectance import ReflectanceTransmittance as ReflectanceTransmittance
+from .memory_effects.curve import MemoryEffect as MemoryEffect
+from .memory_effects.exposure import ExposureContrast as ExposureContrast
+from .memory_effects.joint import JointCorrelation as JointCorrelation
+from .memory_effects.mueller import MuellerMatrix as MuellerMatrix
+from .memory_effects.temporal import TemporalCorrelation as TemporalCorrelation
+from .planning.planning import Plan as Plan
+from .rendering import SpeckleStack as SpeckleStack
+from .samplers.covariance.covariance import Covariance as Covariance
+from .tiles import render_tiles as render_tiles
+from .tiles import render_to_zarr as render_to_zarr
