@@ -31,11 +31,11 @@ from specklegen.models.retrieval.edges import edge_taper
 from specklegen.scene.window import PROFILES, Window
 
 SLOPE = 1.0
-"""Logarithm of the odds that a spread of the difference is worth; see docs/likelihood.md."""
+"""Logarithm of the odds that a spread of the difference is worth; see docs/notes/likelihood.md."""
 CLAIMED = 0.9
 """Probability from which on a turn is told."""
 _REGULAR = 0.3
-"""Of the mean of S, added to it: chosen on images of the solver (docs/likelihood.md)."""
+"""Of the mean of S, added to it: chosen on images of the solver (docs/notes/likelihood.md)."""
 _TAPERED = 0.5
 """Of a camera's side, over which the window falls to zero that T is taken under: edges cut objects off."""
 _TINY = 1e-30

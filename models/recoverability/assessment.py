@@ -53,7 +53,7 @@ _UNLIKE = "No confidence"
 _TRY_OTHER = "judge the image by its deviance, by draws, and by images of known objects in the same setup"
 _TAKE_OFF = "take off background and envelope; check window, slab, object pitch, polarisation, bandwidth of the setup"
 _TURN_SLOPE = 0.6
-"""Logarithm of the odds that a spread of third order is worth, of the solver's images; see docs/likelihood.md."""
+"""Logarithm of the odds that a spread of third order is worth, of the solver's images; see docs/notes/likelihood.md."""
 _WITHIN = 0.5
 """Memory effect across an object, from which on its turn is told at all."""
 _LIT = 0.2  # of the brightest pixel: what counts as the object

@@ -188,7 +188,7 @@ def _deconvolved(stack: "torch.Tensor", recipe: "HiddenObject", seed: Seed) -> "
 
 
 _ROOM = 8  # object pixels, for objects that lie aside of each other
-_AGREED = 0.9  # of starts: below, images were more often wrong than right (docs/likelihood.md)
+_AGREED = 0.9  # of starts: below, images were more often wrong than right (docs/notes/likelihood.md)
 
 
 def _write_together(found: "Multiframe", names: list[str], notes: list[str], out: Path, as_json: bool) -> None:

@@ -75,7 +75,7 @@ def found():
 
 
 def test_all_are_improved_and_come_out_the_right_way_up(found):
-    """The mean gain of six media is above 0 by four standard errors; what solvers gain: docs/likelihood.md."""
+    """The mean gain of six media is above 0 by four standard errors; what solvers gain: docs/notes/likelihood.md."""
     gains, upright, fits = found
     each = gains.mean(1)
     assert each.mean() / (each.std(ddof=1) / len(each) ** 0.5) > 4
