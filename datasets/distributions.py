@@ -110,7 +110,7 @@ def _read_up_to_infinity(value: Any) -> Any:
 
 
 def is_draw(value: Any) -> bool:
-    """Whether a value is a distribution, or the table of one."""
+    """Return whether a value is a distribution, or the table of one."""
     table = isinstance(value, Mapping) and bool(_KINDS.keys() & value)
     return table or isinstance(value, Uniform | LogUniform | Choice)
 

@@ -100,7 +100,7 @@ def _array_field(pa: Any, name: str, array: np.ndarray) -> Any:
 
 
 def _has_array_type(array: np.ndarray) -> bool:
-    """Whether the ``datasets`` library has a type for arrays of so many axes: Array2D to Array5D."""
+    """Return whether the ``datasets`` library has a type for arrays of so many axes: Array2D to Array5D."""
     return 2 <= array.ndim <= 5
 
 

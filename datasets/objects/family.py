@@ -99,7 +99,7 @@ class ObjectFamily(Registered):
 
     @property
     def drawn_together(self) -> bool:
-        """Whether pictures of many samples are drawn where the samples are made; else one by one, on the host."""
+        """True if pictures of many samples are drawn where the samples are made; else one by one, on the host."""
         return type(self).images is not ObjectFamily.images
 
     def images(self, drawn: "Addresses", numbers: Sequence[int]) -> "torch.Tensor":

@@ -96,7 +96,7 @@ class Glyphs(ListedFamily):
 
     @property
     def drawn_together(self) -> bool:
-        """Whether pictures of many samples are drawn where the samples are made: not those of a class of one's own."""
+        """True if pictures of many samples are drawn where the samples are made: not those of a class of one's own."""
         return type(self).picture is Glyphs.picture
 
     def images(self, drawn: "Addresses", numbers: Sequence[int]) -> "torch.Tensor":

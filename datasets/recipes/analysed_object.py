@@ -206,7 +206,7 @@ class AnalysedObject(HiddenObject):
 
     @property
     def _whole(self) -> bool:
-        """Whether there is none, and both components add up."""
+        """True if there is none, and both components add up."""
         return self.light.analysers == ("none",) and self.mosaic is None
 
     @property

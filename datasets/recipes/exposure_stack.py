@@ -126,7 +126,7 @@ class ExposureStack(Recipe):
 
     @property
     def media_alike(self) -> bool:
-        """Whether neither the material nor the speed is drawn."""
+        """True if neither the material nor the speed is drawn."""
         low, high = ends(self.exposures.speed)
         return super().media_alike and low == high
 

@@ -308,7 +308,7 @@ class SpeckleGenerator:
         return each <= _MOST_BYTES // max(KEPT, self.recipe.media or KEPT)
 
     def _keeps_fields(self, medium: int, imaging: Imaging, streams: Streams) -> bool:
-        """Whether fields of shared media are kept, where spectra are not: on the CPU."""
+        """Return whether fields of shared media are kept, where spectra are not: on the CPU."""
         each = imaging.field_bytes * streams.keys[0].numel() // 2
         return self.device.type == "cpu" and _few(each, medium)
 
@@ -358,7 +358,7 @@ class SpeckleGenerator:
 
 
 def _few(each: int, medium: int) -> bool:
-    """Whether ``each`` bytes of a medium are kept on the CPU."""
+    """Return whether ``each`` bytes of a medium are kept on the CPU."""
     return each <= _KEPT_BYTES or each * (medium + 1) <= _FIRST_BYTES
 
 

@@ -123,7 +123,7 @@ class HiddenObject(Recipe):
 
     @property
     def fits_window(self) -> bool:
-        """Whether each medium has a window of its own."""
+        """True if each medium has a window of its own."""
         return self.field is not None and self.field.pixels is not None
 
     def physics(self, context: dict[str, bool] | None = IDENTITY) -> dict[str, Any]:
@@ -222,7 +222,7 @@ class HiddenObject(Recipe):
 
     @property
     def media_alike(self) -> bool:
-        """Whether neither the material nor the extent of objects is drawn."""
+        """True if neither the material nor the extent of objects is drawn."""
         aperture = 1.0 if self.bench is None else self.bench.aperture
         fixed = (low == high for low, high in map(ends, (self._field_number, self._pixels, aperture)))
         return super().media_alike and all(fixed)

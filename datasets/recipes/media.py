@@ -273,7 +273,7 @@ class RecipeMedia(Specification):
 
     @property
     def media_alike(self) -> bool:
-        """Whether media differ in nothing but what is drawn of their fields: one imaging serves them all."""
+        """True if media differ in nothing but what is drawn of their fields: one imaging serves them all."""
         return not self.material.varies
 
     @property
@@ -283,7 +283,7 @@ class RecipeMedia(Specification):
 
     @property
     def moving(self) -> bool:
-        """Whether particles move from frame to frame, so that frames are asked of a sampler together."""
+        """True if particles move from frame to frame, so that frames are asked of a sampler together."""
         return False
 
     @property
@@ -388,7 +388,7 @@ class RecipeMedia(Specification):
 
     @property
     def _on_one_grid(self) -> bool:
-        """Whether it pays to have all media on one grid: each is seen once, and they are of about one size."""
+        """True if it pays to have all media on one grid: each is seen once, and they are of about one size."""
         return not (self.media_alike or self.shares_media or self.tilts_turn)
 
     @cached_property
@@ -411,7 +411,7 @@ class RecipeMedia(Specification):
 
     @property
     def tilts_turn(self) -> bool:
-        """Whether the direction of tilting differs between media."""
+        """True if the direction of tilting differs between media."""
         return False
 
 

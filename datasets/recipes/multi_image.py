@@ -115,7 +115,7 @@ class Dynamics(Speed):
 
     @property
     def brownian(self) -> bool:
-        """Whether particles move."""
+        """True if particles move."""
         return self.model == "brownian"
 
 class DynamicSlab(HiddenObject):
@@ -171,14 +171,14 @@ class DynamicSlab(HiddenObject):
 
     @property
     def media_alike(self) -> bool:
-        """Whether neither material, extent, velocities nor the speed of particles are drawn."""
+        """True if neither material, extent, velocities nor the speed of particles are drawn."""
         drifts = [number for both in self.dynamics.velocities or () for number in both]
         speeds = [self.dynamics.speed] if self.dynamics.brownian else []
         return super().media_alike and all(low == high for low, high in map(ends, drifts + speeds))
 
     @property
     def moving(self) -> bool:
-        """Whether particles do."""
+        """True if particles do."""
         return self.dynamics.brownian
 
     def later_frames(self, drawn: Addresses, numbers: Sequence[int]) -> torch.Tensor | None:

@@ -218,7 +218,7 @@ def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any
 
 
 def _alike(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
-    """Whether two tables are of one kind, so that one changes fields of the other."""
+    """Return whether two tables are of one kind, so that one changes fields of the other."""
     same_type = new.get("type", old.get("type")) == old.get("type")
     return same_type and not _is_draw(old) and {"screens", "preset", "layers"} & new.keys() <= old.keys()
 

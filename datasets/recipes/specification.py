@@ -290,7 +290,7 @@ class Specification(Registered, Pictured):
 
     @property
     def fits_window(self) -> bool:
-        """Whether each medium has a window of its own."""
+        """True if each medium has a window of its own."""
         return False
 
     @property
@@ -338,7 +338,7 @@ class Specification(Registered, Pictured):
 
     @property
     def pixel_integration(self) -> bool:
-        """Whether pixels average over their area: in a laboratory, with an exposure, where points would be too few."""
+        """True if pixels average over their area: in a laboratory, with an exposure, where points would be too few."""
         few = self.camera is not None and self.camera.pixels_per_grain < LEAST_POINTS
         return self.lab is not None or self.exposure is not None or few
 
@@ -384,7 +384,7 @@ class Specification(Registered, Pictured):
 
     @property
     def shares_media(self) -> bool:
-        """Whether a medium comes again, so that many objects look through it."""
+        """True if a medium comes again, so that many objects look through it."""
         return self.media is not None or self.media_group > 1
 
     @abstractmethod

@@ -21,12 +21,12 @@ class Tilted(Recipe):
 
     @property
     def media_alike(self) -> bool:
-        """Whether tilts are not drawn either."""
+        """True if tilts are not drawn either."""
         return super().media_alike and not self.tilts.varies
 
     @property
     def tilts_turn(self) -> bool:
-        """Whether the azimuth is drawn."""
+        """True if the azimuth is drawn."""
         return is_draw(self.tilts.azimuth)
 
     @property

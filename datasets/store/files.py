@@ -19,7 +19,7 @@ def json_bytes(value: Any) -> bytes:
 
 
 def no_room(error: BaseException | None) -> bool:
-    """Whether an error, or what caused it, is that nothing more can be written."""
+    """Return whether an error, or what caused it, is that nothing more can be written."""
     while error is not None:
         if isinstance(error, OSError) and error.errno in FULL:
             return True

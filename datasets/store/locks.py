@@ -164,7 +164,7 @@ def _dated() -> bytes:
 
 
 def _is_old(dated: bytes) -> bool:
-    """Whether nobody has dated a claim anew for long."""
+    """Return whether nobody has dated a claim anew for long."""
     try:
         return float(dated.split()[0]) < time.time() - OLD
     except (ValueError, IndexError):  # no date: of whoever was killed while it was written, where puts are not whole

@@ -107,7 +107,7 @@ def require_bounded(field: str, samples: int, shard_samples: int) -> None:
 
 
 def is_store(folder: Path) -> bool:
-    """Whether a folder is meant as a store, be it a damaged one."""
+    """Return whether a folder is meant as a store, be it a damaged one."""
     with reaching(folder):
         return any(bytes_of(file, expected=False) is not None for file in (folder / "zarr.json", _record(folder)))
 

@@ -47,7 +47,7 @@ def place_of(folder: str | os.PathLike) -> Path:
 
 
 def is_remote(folder: Any) -> bool:
-    """Whether it is a UPath that is no folder of this machine."""
+    """Return whether it is a UPath that is no folder of this machine."""
     return getattr(folder, "protocol", "") not in ("", "file", "local")
 
 

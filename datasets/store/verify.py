@@ -34,7 +34,7 @@ class Verification:
 
     @property
     def sound(self) -> bool:
-        """Whether everything that the ledger lists is there, to the byte, and from this data set."""
+        """True if everything that the ledger lists is there, to the byte, and from this data set."""
         return not self.damaged and not self.metadata
 
 

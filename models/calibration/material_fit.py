@@ -215,7 +215,7 @@ class MaterialFit(Pictured):
 
     @property
     def hopeless(self) -> bool:
-        """Whether ``p_value`` is below 0.001, so that intervals of the free numbers mean nothing."""
+        """True if ``p_value`` is below 0.001, so that intervals of the free numbers mean nothing."""
         return self.p_value < _DOUBTFUL
 
     def interval(self, level: float = 0.95, *, force: bool = False) -> dict[str, Interval]:

@@ -82,7 +82,7 @@ class Beside:
 
     @property
     def judged(self) -> bool:
-        """Whether there can be a table: of two media at least (one tells nothing of others); objects by one image."""
+        """True if there can be a table: of two media at least (one tells nothing of others); objects by one image."""
         shown = self.untrained.target != "object" or not {"image", "frames"}.isdisjoint(self.batches[0])
         return shown and len(torch.cat([batch["parameters"]["medium"].long() for batch in self.batches]).unique()) > 1
 

@@ -113,7 +113,7 @@ class Entry(Value):
 
     @property
     def complete(self) -> bool:
-        """Whether all images of all tasks were asked, but those that have to be fetched."""
+        """True if all images of all tasks were asked, but those that have to be fetched."""
         return all(each.name in self.tasks and self.tasks[each.name].images == each.samples for each in complete_run())
 
 

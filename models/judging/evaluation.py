@@ -319,7 +319,7 @@ def evaluate(
 
 
 def identified(made: Tensor, objects: Tensor) -> Tensor:
-    """Whether reconstructions float[n, H, W] are most like their own of the objects, bool[n].
+    """Return whether reconstructions float[n, H, W] are most like their own of the objects, bool[n].
 
     Candidates are the other objects of the same :data:`CANDIDATES`; likeness is the largest Pearson correlation over
     all shifts and the flip. Of equally alike ones, as of an even image, the first is taken.

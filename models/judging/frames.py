@@ -53,7 +53,7 @@ _DIAMOND = (
 
 
 def missing(folder: Path | str | None) -> bool:
-    """Whether a folder, if any, is no clone of the set with every file as it should be."""
+    """Return whether a folder, if any, is no clone of the set with every file as it should be."""
     return folder is None or bool(public_data(SET).broken(folder))
 
 
@@ -145,6 +145,6 @@ def scores(answers: Tensor, shapes: Sequence[int]) -> dict[str, np.ndarray]:
 
 
 def named(answers: Tensor, shapes: Sequence[int]) -> np.ndarray:
-    """Whether each answer is most like its own of the eight shapes, bool[n]."""
+    """Return whether each answer is most like its own of the eight shapes, bool[n]."""
     alike = np.stack([scores(answers, [one] * len(answers))["pearson"] for one in range(len(SHAPES))])
     return alike.argmax(0) == np.asarray(shapes)

@@ -92,7 +92,7 @@ class Results(Pictured):
         return self.evaluations[task].interval(function, score=score)
 
     def asked(self, function: str, task: str) -> bool:
-        """Whether a function was asked about a task: some baselines are of some tasks alone."""
+        """Return whether a function was asked about a task: some baselines are of some tasks alone."""
         return function in self.evaluations[task].values
 
     def score(self, function: str, score: str = "pearson") -> float:
@@ -117,7 +117,7 @@ class Results(Pictured):
 
     @property
     def complete(self) -> bool:
-        """Whether all of the benchmark was run: other scores are not to be compared with published ones."""
+        """True if all of the benchmark was run: other scores are not to be compared with published ones."""
         whole = all(len(each.media) == task(name).samples for name, each in self.evaluations.items())
         asked = [each.name for each in complete_run()]
         return whole and [name for name in self.evaluations if not task(name).fetched] == asked

@@ -87,7 +87,7 @@ class Task(NamedTuple):
 
     @property
     def fetched(self) -> bool:
-        """Whether a user has to fetch its images: no part of a complete run, nor of a mean over tasks."""
+        """True if a user has to fetch its images: no part of a complete run, nor of a mean over tasks."""
         return self.kind == "frames"
 
     def recipe(self) -> HiddenObject:

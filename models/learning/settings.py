@@ -93,7 +93,7 @@ class Training(Value):
 
     @property
     def of_objects(self) -> bool:
-        """Whether the target needs hidden objects."""
+        """True if the target needs hidden objects."""
         from specklegen.models.learning.targets import TARGETS
 
         return TARGETS[self.target].hidden

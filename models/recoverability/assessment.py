@@ -349,7 +349,7 @@ def _beyond(name: str, value: float, low: float, high: float) -> str:
 def _turns(
     solution: Solution, setup: Setup, memory: list[MemoryEffect], third: Tensor
 ) -> tuple[list[bool], list[float | None]]:
-    """Whether each image is upside down, and with what probability that is known; None where it is not told."""
+    """Return whether each image is upside down, and with what probability that is known; None where it is not told."""
     turned: list[bool] = [False] * len(third)
     probabilities: list[float | None] = [None] * len(third)
     for n, spreads in enumerate(third[:, 0].tolist()):

@@ -82,7 +82,7 @@ class SpeckleTest(NamedTuple):
 
     @property
     def passes(self) -> bool:
-        """Whether the images may be speckle of the setup."""
+        """True if the images may be speckle of the setup."""
         return self.score < REFUSED
 
     @property

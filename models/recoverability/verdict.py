@@ -96,7 +96,7 @@ class Verdict:
 
     @property
     def works(self) -> bool:
-        """Whether success is likelier than failure."""
+        """True if success is likelier than failure."""
         return self.probability >= 0.5
 
     @property

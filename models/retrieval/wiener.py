@@ -94,7 +94,7 @@ _VISIBLE = 0.3  # C_I below which a lag says little of R
 
 
 def choice(lags: Tensor, memory_effect: Tensor, variance: Tensor, *, side: float, grain: Tensor) -> list[Division]:
-    """Whether to divide, and by which guess, for each image; arguments as for :func:`weights`.
+    """Return whether to divide, and by which guess, for each image; arguments as for :func:`weights`.
 
     The expected residual of weights of 1 has two parts: the bend, sum_l (1 - C)^2 R^2, which division removes, and the
     noise, sum_l s^2, which division adds to. Both are summed over lags as far as they show an object, which is where a

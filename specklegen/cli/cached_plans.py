@@ -67,7 +67,7 @@ def caching(name: str | None) -> Iterator[dict[str, Any]]:
 
 
 def _names_files(table: Any) -> bool:
-    """Whether a table has a path anywhere."""
+    """Return whether a table has a path anywhere."""
     if isinstance(table, Mapping):
         return "path" in table or any(map(_names_files, table.values()))
     return isinstance(table, list) and any(map(_names_files, table))

@@ -89,7 +89,7 @@ def load_hidden(
 
 
 def is_store(what: str) -> bool:
-    """Whether a name is the folder of a store, or its address."""
+    """Return whether a name is the folder of a store, or its address."""
     from specklegen.datasets.store.metadata import is_store as meant
     from specklegen.datasets.store.places import place_of
 

@@ -60,7 +60,7 @@ def recoverable(
 
 
 def _are_photographs(what: list[str]) -> bool:
-    """Whether the words are files of frames, and no recipe."""
+    """Return whether the words are files of frames, and no recipe."""
     from specklegen.datasets import recipe_names
     from specklegen.measured.files import FRAME_FILES
 

@@ -277,7 +277,7 @@ def _fitted(
 
 
 def fed(made: float, trained: float) -> str:
-    """Whether the data kept a network fed, in a sentence: images a second of either."""
+    """Return whether the data kept a network fed, in a sentence: images a second of either."""
     waits = trained / (made + trained)
     words = f"{made:.3g} images a second came, {trained:.3g} a second were trained on"
     if waits < 0.2:

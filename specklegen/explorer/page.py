@@ -67,7 +67,7 @@ def coming(state: State, before: dict[str, str]) -> Iterator[str]:
 
 
 def has_sixteen(state: State) -> bool:
-    """Whether the view is of single images, of which sixteen can be drawn."""
+    """Return whether the view is of single images, of which sixteen can be drawn."""
     return state.view == CONTROLS["view"].steps[0]
 
 

@@ -307,7 +307,7 @@ def retrieved(state: State) -> Retrieved:
 
 @_of_images
 def verdict(state: State) -> Verdict:
-    """Whether phase retrieval works on such images, and why not."""
+    """Return whether phase retrieval works on such images, and why not."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoubtWarning)
         return recoverable(recipe_of(state), seed=SEED)

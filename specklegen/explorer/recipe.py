@@ -53,12 +53,12 @@ def recipe_table(state: State) -> dict[str, Any]:
 
 
 def in_laboratory(state: State) -> bool:
-    """Whether the setup is given by a laboratory's lengths."""
+    """Return whether the setup is given by a laboratory's lengths."""
     return state.setup != "angles"
 
 
 def of_glass(state: State) -> bool:
-    """Whether the medium is ground glass."""
+    """Return whether the medium is ground glass."""
     return state.medium == "ground glass"
 
 

@@ -66,7 +66,7 @@ class Number:
 
     @with_units
     def holds(self, wavelength: Annotated[float, MICROMETRES]) -> bool:
-        """Whether it is known at a vacuum wavelength, micrometres."""
+        """Return whether it is known at a vacuum wavelength, micrometres."""
         return self.band[0] <= wavelength <= self.band[1]
 
     def drawn(self, rng: np.random.Generator) -> float:

@@ -89,7 +89,7 @@ def _step(values: np.ndarray) -> int:
 
 
 def _piled(values: np.ndarray, numbers: np.ndarray, step: float) -> bool:
-    """Whether many pixels have the very largest number, and far more than the numbers just below it."""
+    """Return whether many pixels have the very largest number, and far more than the numbers just below it."""
     if len(values) < 16 or numbers[-1] < _PILE:
         return False
     near = numbers[-9:-1] if step == 0 else numbers[:-1][values[:-1] >= values[-1] - 8 * step]

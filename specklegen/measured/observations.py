@@ -39,7 +39,7 @@ class Observation(Pictured):
 
     @property
     def planned(self) -> bool:
-        """Whether nothing was measured yet: values given as None, for :func:`specklegen.fit.advise`."""
+        """True if nothing was measured yet: values given as None, for :func:`specklegen.fit.advise`."""
         return bool(np.isnan(self.values).any())
 
 

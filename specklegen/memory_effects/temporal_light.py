@@ -75,14 +75,14 @@ class Asked(NamedTuple):
 
     @property
     def near(self) -> bool:
-        """Whether tilts keep their angle to the lobe (docs/physics.md 10)."""
+        """True if tilts keep their angle to the lobe (docs/physics.md 10)."""
         if self.medium.has_sides:
             return False
         return lobe_loss(self.medium, self.wavelength, steepest(self.medium, self.angles)).spurious
 
     @property
     def keeps_directions(self) -> bool:
-        """Whether the lateral ways of paths are all that a tilt turns."""
+        """True if the lateral ways of paths are all that a tilt turns."""
         if self.medium.has_sides:
             return False
         small = small_tilts(self.medium, self.wavelength, self.angles)
@@ -90,7 +90,7 @@ class Asked(NamedTuple):
 
     @property
     def on_axis(self) -> bool:
-        """Whether all looks the same from every side."""
+        """True if all looks the same from every side."""
         return self.aim.side > 0 and np.array_equal(self.aim.view, AXIS)
 
 

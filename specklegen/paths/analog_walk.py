@@ -58,7 +58,7 @@ class Exits(NamedTuple):
         return np.where((self.face == face) & (self.collisions > 0), self.weight, 0.0)
 
     def straight(self, face: int) -> np.ndarray:
-        """Whether a path left by a face without a collision, bool[P]."""
+        """Return whether a path left by a face without a collision, bool[P]."""
         return (self.face == face) & (self.collisions == 0)
 
     def select(self, chosen: np.ndarray) -> Self:

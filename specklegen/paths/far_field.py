@@ -52,12 +52,12 @@ class LobeLoss(NamedTuple):
 
     @property
     def negligible(self) -> bool:
-        """Whether the lobes of both tilts are one."""
+        """True if the lobes of both tilts are one."""
         return self.loss <= NEGLIGIBLE
 
     @property
     def spurious(self) -> bool:
-        """Whether that loss is none that light has."""
+        """True if that loss is none that light has."""
         return not self.negligible and self.far_field < FAR
 
 

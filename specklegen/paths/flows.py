@@ -49,7 +49,7 @@ def uneven_turn(scene: Scene) -> float:
 
 
 def sideways(volume: Volume) -> bool:
-    """Whether a flow changes along the faces of a medium that is infinite there."""
+    """Return whether a flow changes along the faces of a medium that is infinite there."""
     return bool(volume.flow[:, [3, 4, 6, 7, 9, 10]].any())
 
 

@@ -36,7 +36,7 @@ class Gaussianity:
 
     @property
     def enough(self) -> bool:
-        """Whether the stack used enough paths to be Gaussian within ``TOLERANCE``."""
+        """True if the stack used enough paths to be Gaussian within ``TOLERANCE``."""
         return abs(self.kurtosis_excess) <= TOLERANCE
 
     def __str__(self) -> str:

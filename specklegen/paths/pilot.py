@@ -205,7 +205,7 @@ def _powers(tracer: Tracer, reverse: bool, bank: PathBank) -> _Powers:
 
 
 def _lit(found: _Powers) -> bool:
-    """Whether something reaches every view from every light."""
+    """Return whether something reaches every view from every light."""
     return all(bool(single.any() or multiple.any()) for single, multiple in zip(*(w for _, w in found), strict=True))
 
 

@@ -14,7 +14,7 @@ from specklegen.scene.scene import Scene
 
 @remembered(64)
 def scene_reversal(scene: Scene, reverse: Reverse, tolerance: float) -> Decision:
-    """Whether reversed paths take part in a scene.
+    """Return whether reversed paths take part in a scene.
 
     Between directions the rule of physics.md 2 decides. Between points no rule bounds them, so they are kept.
     """

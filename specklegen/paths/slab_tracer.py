@@ -36,7 +36,7 @@ MOST_EVENTS = 1e4
 
 
 def stretches(medium: PlaneMedium, proposal: Proposal) -> bool:
-    """Whether paths are drawn towards the far face: where all views lie behind it, and few would get there."""
+    """Return whether paths are drawn towards the far face: where all views lie behind it, and few would get there."""
     behind = len(proposal.probes) > 0 and bool((proposal.probes[:, 2] > 0).all())
     return behind and medium.faces.matched and not proposal.bidirectional and draws_across(medium)
 
@@ -146,12 +146,12 @@ class SlabTracer:
 
     @property
     def bidirectional(self) -> bool:
-        """Whether a path is weighed, and must be evaluated, in both directions."""
+        """True if a path is weighed, and must be evaluated, in both directions."""
         return self.proposal.bidirectional
 
     @property
     def across(self) -> bool:
-        """Whether paths are drawn towards the far face."""
+        """True if paths are drawn towards the far face."""
         return stretches(self.medium, self.proposal)
 
     @property

@@ -46,7 +46,7 @@ class Tracer(Protocol):
 
     @property
     def bidirectional(self) -> bool:
-        """Whether a path is weighed, and must be evaluated, in both directions."""
+        """True if a path is weighed, and must be evaluated, in both directions."""
         ...
 
     def trace(

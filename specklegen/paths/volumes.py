@@ -94,7 +94,7 @@ def drift_of(volume: Volume) -> np.ndarray | None:
 
 
 def collects_flow(volume: Volume) -> bool:
-    """Whether paths have to collect their Doppler shifts: not of one velocity, which the ends tell."""
+    """Return whether paths have to collect their Doppler shifts: not of one velocity, which the ends tell."""
     return len(volume.flow) > 0 and drift_of(volume) is None
 
 

@@ -120,7 +120,7 @@ class Plan(Pictured):
 
     @property
     def gaussianity(self) -> Gaussianity:
-        """Whether so many paths make Gaussian speckle."""
+        """True if so many paths make Gaussian speckle."""
         return self.chosen.gaussianity if self.pixel is None else self.pixel.gaussianity(self.paths)
 
     @property

@@ -50,7 +50,7 @@ class Faces(Value):
 
     @property
     def matched(self) -> bool:
-        """Whether nothing is reflected."""
+        """True if nothing is reflected."""
         return self.inside == self.outside and self.wall in (None, self.inside)
 
     @property

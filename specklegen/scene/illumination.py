@@ -70,7 +70,7 @@ class Light(Value):
 
     @property
     def coherent(self) -> bool:
-        """Whether each light has a field; otherwise intensities of ``beams`` add up to images (``shares``)."""
+        """True if each light has a field; otherwise intensities of ``beams`` add up to images (``shares``)."""
         return True
 
     @property
@@ -205,7 +205,7 @@ class CollimatedBeams(Light):
 
     @property
     def coherent(self) -> bool:
-        """Whether each beam has a field: not over an exposure."""
+        """True if each beam has a field: not over an exposure."""
         return self.exposure is None
 
     @property

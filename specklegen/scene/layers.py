@@ -101,12 +101,12 @@ class Bulk(Value):
 
     @property
     def moves(self) -> bool:
-        """Whether any of its particles does."""
+        """True if any of its particles does."""
         return self.flows or fastest(self.motions) is not None
 
     @property
     def flows(self) -> bool:
-        """Whether any of its particles are carried along."""
+        """True if any of its particles are carried along."""
         return any(motion is not None and motion.carries for motion in self.motions)
 
 
@@ -129,7 +129,7 @@ class PlaneParallel(Bulk):
 
     @property
     def refracts(self) -> bool:
-        """Whether light meets a step of the refractive index anywhere."""
+        """True if light meets a step of the refractive index anywhere."""
         return bool(self.indices) or not self.faces.matched
 
     @property
@@ -160,7 +160,7 @@ class PlaneParallel(Bulk):
         return self.thickness
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Whether points float64[n, d] are inside, bool[n]."""
+        """Return whether points float64[n, d] are inside, bool[n]."""
         return (points[:, -1] >= 0) & (points[:, -1] <= self.thickness)
 
     def unitless_fingerprint(self) -> str:
@@ -235,7 +235,7 @@ class Stratified(PlaneParallel, Registered):
 
     @classmethod
     def is_member(cls) -> bool:
-        """Whether the class says its layers."""
+        """Return whether the class says its layers."""
         return super().is_member() and cls._has("layers")
 
     @model_validator(mode="after")
@@ -364,7 +364,7 @@ def merged(layers: Sequence[Layer]) -> list[Layer]:
 
 
 def is_stratified(value: Any) -> bool:
-    """Whether a value is, or describes, a medium of layers."""
+    """Return whether a value is, or describes, a medium of layers."""
     if not isinstance(value, Mapping):
         return isinstance(value, Stratified)
     return value.get("type") in Stratified.registry or is_import_path(value.get("type"))

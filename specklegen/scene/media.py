@@ -69,7 +69,7 @@ class _Bounded(Bulk):
         return float(np.min(self.upper - self.lower))
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Whether points float64[n, d] are inside, bool[n]."""
+        """Return whether points float64[n, d] are inside, bool[n]."""
         return np.asarray(((points >= self.lower) & (points <= self.upper)).all(axis=1))
 
 

@@ -90,7 +90,7 @@ class Motion(Registered):
 
     @property
     def carries(self) -> bool:
-        """Whether it carries particles along."""
+        """True if it carries particles along."""
         return any(part.any() for part in self.affine(self.dimension or 3))
 
     def speed_beside(self, other: "Motion") -> float:

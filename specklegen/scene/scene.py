@@ -280,7 +280,7 @@ class Scene(Value, Pictured):
 
     @cached_property
     def film(self) -> bool:
-        """Whether the beams see scatterers move between their times, or during their exposures."""
+        """True if the beams see scatterers move between their times, or during their exposures."""
         times = getattr(self.illumination, "times", None)  # beams alone have any
         if self.thin is not None or times is None or not len(times):
             return False
@@ -315,7 +315,7 @@ class Scene(Value, Pictured):
 
     @cached_property
     def hides_object(self) -> bool:
-        """Whether an incoherent object lights the medium: one image comes of all its points."""
+        """True if an incoherent object lights the medium: one image comes of all its points."""
         return not self.illumination.coherent and self.illumination.images == ()
 
     @cached_property
@@ -392,7 +392,7 @@ class Scene(Value, Pictured):
 
     @cached_property
     def refracts_inside(self) -> bool:
-        """Whether layers of other refractive indices than their neighbours' lie in it: aimed light knows no steps."""
+        """True if layers of other refractive indices than their neighbours' lie in it: aimed light knows no steps."""
         return self.thin is None and self.volume.refracts and as_slab(self.slab) is None
 
     @property

@@ -79,7 +79,7 @@ class Sensor(Registered):
 
     @classmethod
     def is_member(cls) -> bool:
-        """Whether the class says what its views are."""
+        """Return whether the class says what its views are."""
         return super().is_member() and any(_says(cls, name) for name in ("points", "directions"))
 
     @property

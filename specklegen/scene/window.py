@@ -145,7 +145,7 @@ class Window:
 
     @property
     def sharp(self) -> bool:
-        """Whether b is 1 inside an edge and 0 outside."""
+        """True if b is 1 inside an edge and 0 outside."""
         return _SHAPES[self.profile].sharp
 
     @property
@@ -155,7 +155,7 @@ class Window:
 
     @property
     def separable(self) -> bool:
-        """Whether b is a product of a function of x and one of y."""
+        """True if b is a product of a function of x and one of y."""
         return _SHAPES[self.profile].cell_power is not None
 
     def support(self, decay: float) -> float:

@@ -26,7 +26,7 @@ class Correlations(Protocol):
 
     @property
     def isotropic(self) -> bool:
-        """Whether K of all depends on |q| alone; else they have ``planar``."""
+        """True if K of all depends on |q| alone; else they have ``planar``."""
         ...
 
     def __call__(self, q: torch.Tensor) -> torch.Tensor:
@@ -82,7 +82,7 @@ class Tabulated:
 
     @property
     def isotropic(self) -> bool:
-        """Whether K of all depends on |q| alone."""
+        """True if K of all depends on |q| alone."""
         return all(k.isotropic for k in self.correlations)
 
     def planar(self, qx: torch.Tensor, qy: torch.Tensor) -> torch.Tensor:

@@ -252,7 +252,7 @@ class Imaging:
         return sum(parts[1:], parts[0])
 
     def points_cheaper(self, lit: int, frames: int, draws: int) -> bool:
-        """Whether ``lit`` bright pixels one by one take fewer operations than all pairs of modes.
+        """Return whether ``lit`` bright pixels one by one take fewer operations than all pairs of modes.
 
         What the cheaper form takes is said where it is long, and refused where nobody waits for it; see the budget's.
         """

@@ -365,7 +365,7 @@ def require_room(lattice_shape: tuple[int, ...], degree: int) -> None:
 
 
 def one_by_one(device: torch.device) -> bool:
-    """Whether media are made one by one: on the CPU, where products of several matrices have other last bits."""
+    """Return whether media are made one by one: on the CPU, where products of several matrices have other last bits."""
     return device.type == "cpu"
 
 
@@ -402,7 +402,7 @@ def karhunen_loeve(correlations: Correlations, lattice: Lattice, tolerance: floa
 
 
 def _enough(triangle: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> list[bool]:
-    """Whether the polynomials of a degree will do for each medium; on "meta" they do."""
+    """Return whether the polynomials of a degree will do for each medium; on "meta" they do."""
     if degree >= sum(lattice.full) - len(lattice.full) or triangle.device.type == "meta":
         return [True] * len(triangle)
     return (1 - reached(triangle, lattice.size) <= POLYNOMIAL_SHARE * tolerance).tolist()

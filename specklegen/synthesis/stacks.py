@@ -92,7 +92,7 @@ class StackSampler:
 
     @cached_property
     def columns_first(self) -> bool:
-        """Whether the two matrix products to views are fewer operations if that along x comes first."""
+        """True if the two matrix products to views are fewer operations if that along x comes first."""
         (rows, columns), x, y = self.shape, self.x.count, self.y.count
         return columns * y * (x + rows) < rows * x * (y + columns)
 

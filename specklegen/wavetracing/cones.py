@@ -112,7 +112,7 @@ class Cone(Value):
         return out
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Whether points float64[..., 3] lie in the cone, on the side of its mouth; bool[...]."""
+        """Return whether points float64[..., 3] lie in the cone, on the side of its mouth; bool[...]."""
         x, y, z = np.moveaxis((np.asarray(points, float) - self.origin) @ self.frame.T, -1, 0)
         width = self.a + self.slope * z
         return (width >= 0) & (np.hypot(x, self.ratio * y) <= width)

@@ -117,7 +117,7 @@ class CollimatedEmitter(Value):
         return float(np.sqrt(2 * self.sigma))
 
     def lights(self, points: np.ndarray) -> np.ndarray:
-        """Whether points float64[P, 3] lie in the light, before anything stands in it: bool[P]."""
+        """Return whether points float64[P, 3] lie in the light, before anything stands in it: bool[P]."""
         axis = int((self.upper - self.lower).argmin())
         back = (points[:, axis] - self.lower[axis]) / self.direction[axis]
         foot, across = points - back[:, None] * self.direction, np.arange(3) != axis
@@ -177,7 +177,7 @@ class PointEmitter(_AtOnePlace):
         return _across(self.wavelength, self.tangent)
 
     def lights(self, points: np.ndarray) -> np.ndarray:
-        """Whether points float64[P, 3] lie in the light, before anything stands in it: all, bool[P]."""
+        """Return whether points float64[P, 3] lie in the light, before anything stands in it: all, bool[P]."""
         return np.ones(len(points), bool)
 
     def packed(self) -> np.ndarray:
@@ -241,7 +241,7 @@ class GaussianLaser(_AtOnePlace):
         return _across(self.wavelength, self.beam_radius)
 
     def lights(self, points: np.ndarray) -> np.ndarray:
-        """Whether points float64[P, 3] lie in even light: none, bool[P]."""
+        """Return whether points float64[P, 3] lie in even light: none, bool[P]."""
         return np.zeros(len(points), bool)
 
     def field(self, points: np.ndarray) -> np.ndarray:

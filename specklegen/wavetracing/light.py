@@ -82,7 +82,7 @@ class PlaneWave(Value):
 
     @property
     def normal(self) -> bool:
-        """Whether it travels along z exactly."""
+        """True if it travels along z exactly."""
         return bool(self.direction[0] == 0 and self.direction[1] == 0)
 
     def field(self, points: np.ndarray) -> np.ndarray:

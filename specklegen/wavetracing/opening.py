@@ -156,7 +156,7 @@ def crossing(starts: np.ndarray, ends: np.ndarray) -> tuple[int, int] | None:
 
 
 def _sides(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Whether c and d lie on either side of the line through a and b, beyond rounding."""
+    """Return whether c and d lie on either side of the line through a and b, beyond rounding."""
     along = b - a
     sides = [along[:, 0] * (p - a)[:, 1] - along[:, 1] * (p - a)[:, 0] for p in (c, d)]
     scale = np.square(np.abs(np.stack([along, c - a, d - a])).max(axis=(0, 2)))

@@ -115,7 +115,7 @@ class Bench(Value):
 
     @property
     def polarises(self) -> bool:
-        """Whether some light is depolarised."""
+        """True if some light is depolarised."""
         return ends(self.polarisation)[0] < 1
 
     @property

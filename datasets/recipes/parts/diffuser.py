@@ -97,7 +97,7 @@ class Diffuser(Value):
 
     @property
     def varies(self) -> bool:
-        """Whether two media may have different parameters."""
+        """True if two media may have different parameters."""
         return any(low < high for low, high in map(ends, self._draws().values()))
 
     def _draws(self) -> dict[str, Any]:

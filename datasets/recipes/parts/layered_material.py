@@ -122,7 +122,7 @@ class LayeredMaterial(Value):
 
     @property
     def varies(self) -> bool:
-        """Whether two media may have different parameters."""
+        """True if two media may have different parameters."""
         return any(low < high for low, high in map(ends, self._draws().values()))
 
     def realized(self, rng: np.random.Generator, split: Split) -> CharacterizedMaterial:  # noqa: ARG002 - as of a slab

@@ -146,7 +146,7 @@ class Material(Value):
 
     @property
     def varies(self) -> bool:
-        """Whether two media may have different parameters."""
+        """True if two media may have different parameters."""
         numbers = [self.thickness, self.optical_depth, self.albedo]
         particles = self.scatterer.values() if self.scatterer is not None else [self.g]
         return any(low < high for low, high in map(ends, [*numbers, *filter(is_draw, particles)]))

@@ -146,7 +146,7 @@ class PresetMaterial(Value):
 
     @property
     def varies(self) -> bool:
-        """Whether two media may have different parameters."""
+        """True if two media may have different parameters."""
         return any(low < high for low, high in map(ends, [self.thickness, *self._draws().values()]))
 
     def in_laboratory(self, lab: LabSetup) -> Self:

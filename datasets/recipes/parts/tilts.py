@@ -66,7 +66,7 @@ class Tilts(Value):
 
     @property
     def varies(self) -> bool:
-        """Whether media may be seen under different tilts."""
+        """True if media may be seen under different tilts."""
         return any(low < high for low, high in map(ends, (self.step, self.azimuth)))
 
     def drawn_together(

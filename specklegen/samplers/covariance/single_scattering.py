@@ -18,7 +18,7 @@ _MOST_ENTRIES = {2: 20_000, 3: 200}  # beyond which Monte Carlo at its default c
 
 
 def single_decision(scene: Scene, orders: Orders, entries: int, tolerance: float, reverse: bool) -> Decision:
-    """Whether multiple scattering takes part in a covariance of so many entries."""
+    """Return whether multiple scattering takes part in a covariance of so many entries."""
     part = "multiple scattering"
     choice("covariance orders", orders, ("auto", "all", "single"))
     if orders == "all":

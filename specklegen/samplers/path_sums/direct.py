@@ -115,7 +115,7 @@ def _add(
 
 
 def is_plain_slab(layout: Layout) -> bool:
-    """Whether far views look at a homogeneous slab of one type of isotropic or Henyey-Greenstein particles."""
+    """Return whether far views look at a homogeneous slab of one type of isotropic or Henyey-Greenstein particles."""
     volume, table = layout.volume, layout.table
     if layout.polarised is not None or layout.ways is not None:
         return False

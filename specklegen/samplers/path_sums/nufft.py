@@ -154,7 +154,7 @@ def together(layout: Layout, summation: NufftPlan) -> NufftPlan | None:
 
 
 def _serves_single(layout: Layout, summation: NufftPlan, single: PathBank | None = None) -> bool:
-    """Whether the view factor of multiple scattering serves single scattering within the tolerance.
+    """Return whether the view factor of multiple scattering serves single scattering within the tolerance.
 
     Behind layers that refract, the connections of ``single`` scattering are what it has to serve.
     """

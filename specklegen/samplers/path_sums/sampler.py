@@ -132,7 +132,7 @@ class PathSums(MediaSampler, name="paths"):
 
     @property
     def gaussianity(self) -> Gaussianity:
-        """Whether so many paths make Gaussian speckle."""
+        """True if so many paths make Gaussian speckle."""
         return self.pilot.moments.gaussianity(self.paths)
 
     @property

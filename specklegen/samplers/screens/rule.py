@@ -26,7 +26,7 @@ _GAIN = 2 / np.pi  # of a square window at a mismatch of half a grain: the large
 
 
 def screens_decision(scene: Scene, request: Request) -> tuple[bool, Decision]:
-    """Whether the screens of a scene may be drawn, with their errors in words."""
+    """Return whether the screens of a scene may be drawn, with their errors in words."""
     part = "screens"
     if scene.thin is None:
         return False, Decision(part, False, "the medium is no thin screen")

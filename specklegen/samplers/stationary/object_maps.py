@@ -72,7 +72,7 @@ def object_maps(scene: Scene, envelope: Envelope) -> ObjectMaps | None:
 
 
 def _lit(scene: Scene) -> np.ndarray:
-    """Whether each pixel of the object shines, bool[h, w]."""
+    """Return whether each pixel of the object shines, bool[h, w]."""
     return cast(IncoherentObject, scene.illumination).brightness > 0
 
 

@@ -94,7 +94,7 @@ class PilotBank:
         return out
 
     def is_rigid_shift(self, light: np.ndarray) -> bool:
-        """Whether a tilt to these sines moves all light by as much: lobes do not stay behind (physics.md 10)."""
+        """Return whether a tilt to these sines moves all light by as much: lobes do not stay behind (physics.md 10)."""
         return keeps_angle(self.scene, np.hypot(*(light - self.light[:2])))
 
     def _seen(self, light: np.ndarray, sines: np.ndarray) -> Layout:
@@ -138,5 +138,5 @@ class PilotBank:
 
 
 def keeps_angle(scene: Scene, tilt: float) -> bool:
-    """Whether light keeps its angle to lobes under a tilt, in sines."""
+    """Return whether light keeps its angle to lobes under a tilt, in sines."""
     return lobe_loss(scene.slab, scene.wavelength, float(tilt)).spurious

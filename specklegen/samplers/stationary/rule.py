@@ -170,7 +170,7 @@ def _forms(scene: Scene) -> tuple[Form, ...]:
 
 
 def _carried(scene: Scene, model: Model) -> bool:
-    """Whether there is an envelope, which a hidden object's images can be drawn under."""
+    """Return whether there is an envelope, which a hidden object's images can be drawn under."""
     if scene_envelope(scene, model.form == "oblique") is None:
         return False
     return bool(scene.illumination.images) or scene_object_maps(scene) is not None

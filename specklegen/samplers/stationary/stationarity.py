@@ -58,7 +58,7 @@ class StationaryError:
         return all(deviation + 2 * error <= tolerance for deviation, error in pairs)
 
     def is_clear(self, tolerance: float, errors: float) -> bool:
-        """Whether it is accepted or not, so many standard errors from the tolerance."""
+        """Return whether it is accepted or not, so many standard errors from the tolerance."""
         deviations = np.array([self.correlation, self.intensity])
         width = errors * np.array([self.correlation_error, self.intensity_error])
         return bool((deviations + width).max() <= tolerance or (deviations - width).max() > tolerance)

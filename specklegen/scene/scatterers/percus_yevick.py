@@ -171,5 +171,5 @@ class PercusYevick(_WithAnisotropy):
 
     @property
     def has_matrix(self) -> bool:
-        """Whether the amplitudes S1 and S2 of the particle are known."""
+        """True if the amplitudes S1 and S2 of the particle are known."""
         return self.scatterer.has_matrix

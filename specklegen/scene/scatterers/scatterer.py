@@ -137,7 +137,7 @@ class Scatterer(Admitted, Pictured):
 
     @property
     def has_matrix(self) -> bool:
-        """Whether its amplitudes S1 and S2 are known."""
+        """True if its amplitudes S1 and S2 are known."""
         return type(self).amplitude_matrix is not Scatterer.amplitude_matrix
 
     @property

@@ -127,7 +127,7 @@ def cross_section_point(key0, key1, path, counter, state, depth, z_hit):
 
 @kernel
 def seen_aside(state, step, qx, qy, qz, skip, normals, facet, tree):
-    """Whether nothing stands between a ray, ``step`` ahead of its point, and a point q beside it.
+    """Return whether nothing stands between a ray, ``step`` ahead of its point, and a point q beside it.
 
     skip : facet that the ray has just left, or -1. Its point lies there to rounding, which no query of the segment can
            judge: what is behind the plane of that facet is taken for hidden.

@@ -216,7 +216,7 @@ def _framed(graph, e, m, side, a, b):
 
 @kernel
 def _in_sight(edge, a, b):
-    """Whether one of two points lies in the air about an edge."""
+    """Return whether one of two points lies in the air about an edge."""
     phi, rho, _ = _polar(edge, a)
     psi, tau, _ = _polar(edge, b)
     return (rho > 0.0 and in_the_air(edge, phi, _ALONG) >= 0.0) or (tau > 0.0 and in_the_air(edge, psi, _ALONG) >= 0.0)
@@ -326,7 +326,7 @@ def _run(start, step, until, target, skip, way, graph, tree):
 
 @kernel
 def _leg_clear(a, b, low, high, skip, share, way, graph, tree):
-    """Whether light gets from a to b by the mirrors met[low:high] in turn; fill where it meets them, and how.
+    """Return whether light gets from a to b by the mirrors met[low:high] in turn; fill where it meets them, and how.
 
     skip   : planes in which a lies, then those in which b lies: three each, -1 for none
     share  : of the wave that is known to be there; -1 for nothing, or fill all of it, whatever stands in the way

@@ -100,7 +100,7 @@ class Openings(NamedTuple):
 
 @inlined
 def touched(cone, near, far, x0, y0, z0, x1, y1, z1):
-    """Whether a segment comes into the cone between two depths: by its interval of depths."""
+    """Return whether a segment comes into the cone between two depths: by its interval of depths."""
     from_x, from_y, from_z = x0 - cone[0], y0 - cone[1], z0 - cone[2]
     to_x, to_y, to_z = x1 - cone[0], y1 - cone[1], z1 - cone[2]
     ax = cone[3] * from_x + cone[4] * from_y + cone[5] * from_z
@@ -118,7 +118,7 @@ def touched(cone, near, far, x0, y0, z0, x1, y1, z1):
 
 @inlined
 def holds(members, count, value):
-    """Whether a value is among the first ``count``."""
+    """Return whether a value is among the first ``count``."""
     for n in range(count):
         if members[n] == value:
             return True
@@ -127,7 +127,7 @@ def holds(members, count, value):
 
 @inlined
 def _around(ends, first, last, x, y, z, nx, ny, nz):
-    """Whether a point of their plane lies within the loop of edges [first, last), by crossings of a line."""
+    """Return whether a point of their plane lies within the loop of edges [first, last), by crossings of a line."""
     ax, ay, az = abs(nx), abs(ny), abs(nz)
     u, v = (0, 1) if az >= ax and az >= ay else ((2, 0) if ay >= ax else (1, 2))
     at_u = x if u == 0 else (y if u == 1 else z)
@@ -205,7 +205,7 @@ def _nearest_point(edge, x, y, z, dx, dy, dz):
 
 @inlined
 def beside(state, x, y, z, qx, qy, qz):
-    """Whether a beam meets a point q together with a point of its ray: by its width there, seen along it."""
+    """Return whether a beam meets a point q together with a point of its ray: by its width there, seen along it."""
     mx, my, mz = state[beam.MX], state[beam.MY], state[beam.MZ]
     depth = (x - state[beam.CX]) * mx + (y - state[beam.CY]) * my + (z - state[beam.CZ]) * mz
     width = 2.0 * (state[beam.WIDTH] + abs(depth) * state[beam.SLOPE])
