@@ -46,6 +46,7 @@ lint: .venv/installed-tests
 	$(BIN)/pyright
 	$(BIN)/python scripts/count_scene_types.py
 	$(BIN)/python scripts/count_code.py
+	$(BIN)/python scripts/check_prose.py
 
 speed: .venv/installed-tests  ## counts of work beside those kept (fails at 3 % more), then the ratios of the performance page
 	$(BIN)/python scripts/counted_work.py

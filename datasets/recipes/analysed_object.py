@@ -3,7 +3,7 @@
 What a crossed analyser passes has been turned out of its plane on detours: it has a shorter memory effect and sees
 another speckle than the parallel one. Both memory effects are two-dimensional
 (:mod:`specklegen.memory_effects.polarised_fields`); the fields behind two analysers at right angles are drawn
-independent of each other, which they are but for |K_ab|^2 <= .005 between two pixels of an object.
+independent of each other, which they are but for |K_ab|^2 <= 0.005 between two pixels of an object.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ def require_moving(recipe: Recipe, which: str) -> None:
     if isinstance(material, Diffuser):
         reject("Recipe.material", f"of scatterers {which}", "screens", "Screens drift by [dynamics] velocities.")
     if material.kernel != "estimate":
-        reject("Material.kernel", f'"estimate" {which}, for the atlas knows no momentum transfer', material.kernel)
+        reject("Material.kernel", f'"estimate" {which}, for the lookup table has no momentum transfer', material.kernel)
     if recipe.wavenumber_bandwidth:
         reject("Recipe.light.bandwidth", f"0 {which}", recipe.light.bandwidth, "Motion under a band is not modelled.")
     if not all(material.in_motion(slab).moves for slab in material.extremes()):

@@ -59,8 +59,8 @@ class Dynamics(Speed):
         "autoregression", the default: the medium is redrawn little by little, by a first-order autoregression of its
         fields (see :mod:`light`), over a ``correlation_time``. **It is assumed, and no medium obeys it.** Scatterers
         in motion change the phases of long paths faster than those of short ones, so that the correlation falls faster
-        at first and has a long tail: its square is .82 and .0025 at .1 and 3 correlation times here, .59 and .04 with
-        the paths of a slab of optical depth 10 and g .9.
+        at first and has a long tail: its square is 0.82 and 0.0025 at 0.1 and 3 correlation times here, 0.59 and 0.04
+        with the paths of a slab of optical depth 10 and g 0.9.
     correlation_time
         Time over which the correlation of the field falls to 1/e, and that of the intensity to 1/e^2; may
         vary from medium to medium. In frames, and infinite for a medium that stays as it is, of an autoregression; in

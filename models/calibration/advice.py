@@ -1,7 +1,7 @@
 """What to measure: the errors to be expected of a fit, before anything is measured.
 
 Fisher's information of a slab: (J^T J)^-1 of the derivatives of what would be observed, over its errors. Logarithms'
-standard errors above about .5 say "not determined", not how far off: valleys are curved (docs/measured.md).
+standard errors above about 0.5 say "not determined", not how far off: valleys are curved (docs/measured.md).
 """
 
 from __future__ import annotations
@@ -126,8 +126,8 @@ def advise(
         Inside the medium, in the slab's unit of length.
     instruments
         Measured or planned values (``MemoryCurve(tilts, None, 0.01)``); by default the usual ones: C_I at 25 tilts to
-        3 half ranges ± .01, transmittance ± 2 %, contrast at three bandwidths ± .01, and of a moving slab g2 at 25
-        lags ± .01.
+        3 half ranges ± 0.01, transmittance ± 2 %, contrast at three bandwidths ± 0.01, and of a moving slab g2 at 25
+        lags ± 0.01.
     free
         What is not known, as of :func:`specklegen.fit.fit_material`; all else is known.
 
@@ -190,8 +190,8 @@ def _place(owner: str, unknowns: Unknowns, numbers: Mapping[str, float]) -> np.n
                       for name in unknowns.free])  # fmt: skip
     at = np.linalg.solve(weights, goals)
     if not predict([Transmittance(None, 1.0)], 1.0, unknowns.slabs(at)[None], ()).inside[0]:
-        reject(f"{owner} slab", "within the atlas", {name: numbers[name] for name in NAMES if name in numbers},
-               "It holds optical depths of .4 to 64 and g of -.6 to .985 (docs/atlas.md).")  # fmt: skip
+        reject(f"{owner} slab", "within the lookup table", {name: numbers[name] for name in NAMES if name in numbers},
+               "It holds optical depths of 0.4 to 64 and g of -0.6 to 0.985 (docs/atlas.md).")  # fmt: skip
     return at
 
 

@@ -78,7 +78,7 @@ class MeasuredGrain(NamedTuple):
 
 
 def fit_grain(images: Tensor, extent: int, profile: Profile = "disc", seed: Seed = 0) -> MeasuredGrain:
-    """Grain of each of B photographs of hidden objects, each over its envelope; some .5 processor seconds each.
+    """Grain of each of B photographs of hidden objects, each over its envelope; some 0.5 processor seconds each.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def fit_grain(images: Tensor, extent: int, profile: Profile = "disc", seed: Seed
     """
     seen = host_tensor("fit_grain images", images)
     if seen.ndim != 3 or not len(seen):
-        reject("fit_grain images", "of shape [photographs, rows, columns]", tuple(seen.shape))
+        reject("fit_grain images", "of shape [images, rows, columns]", tuple(seen.shape))
     choice("fit_grain profile", profile, SHAPES)
     size = whole_number("fit_grain extent", extent, SMALLEST_EXTENT, LARGEST_EXTENT)
     tile = 2 * size

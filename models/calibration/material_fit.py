@@ -224,9 +224,9 @@ class MaterialFit(Pictured):
         A fit whose chi squared is ``hopeless`` has none: intervals assume that the model is right.
 
         They end where chi squared has risen by :attr:`rises`' quantile, or that of chi squared if it is larger. By the
-        latter alone, of 220 setups whose curves are of paths, those of .68 held thickness, mean free path and g in .63,
-        .67 and .60, those of .95 in .93, .95 and .95; of 224 whose curves are of the tables, these held them in .67,
-        .67 and .72, and in .94, .97 and .97 (docs/notes/materialfit.md).
+        latter alone, of 220 setups whose curves are of paths, those of 0.68 held thickness, mean free path and g in
+        0.63, 0.67 and 0.60, those of 0.95 in 0.93, 0.95 and 0.95; of 224 whose curves are of the tables, these held
+        them in 0.67, 0.67 and 0.72, and in 0.94, 0.97 and 0.97 (docs/notes/materialfit.md).
 
         Parameters
         ----------
@@ -504,7 +504,7 @@ def covariance_of(slope: np.ndarray) -> np.ndarray:
 
 
 def degeneracies(unknowns: Unknowns, covariance: np.ndarray) -> tuple[str, ...]:
-    """Say what is not determined to e^.5, and the combination that is."""
+    """Say what is not determined to e^0.5, and the combination that is."""
     errors = standard_errors(unknowns, covariance)
     vague = [name for name in unknowns.free if errors[name] > VAGUE and name != "albedo"]
     if not vague:

@@ -220,7 +220,7 @@ def fit_setup(
     Parameters
     ----------
     photographs
-        What :func:`specklegen.measured.read_measurement` reads, or what it returned. Frames that correlate by .5 or
+        What :func:`specklegen.measured.read_measurement` reads, or what it returned. Frames that correlate by 0.5 or
         more are of one pattern, and are averaged; others are taken for independent patterns.
     envelope, dark
         As there; the envelope is fitted and taken off unless given. Of a measurement that was read its own counts.

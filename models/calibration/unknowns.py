@@ -179,6 +179,6 @@ def _assembled(owner: str, given: Mapping[str, float], free: tuple[str, ...]) ->
         DROP: ("1 - g", low_drop, high_drop),
     }.items():
         if not matrix[column].any() and not first - 1e-9 <= base[column] <= last + 1e-9:
-            reject(f"{owner} known {name}", f"within the atlas, {np.exp(first):.3g} to {np.exp(last):.4g}",
+            reject(f"{owner} known {name}", f"within the lookup table, {np.exp(first):.3g} to {np.exp(last):.4g}",
                    float(np.exp(base[column])), "Outside it nothing is tabulated (docs/atlas.md).")  # fmt: skip
     return Unknowns(free, base, matrix, np.array(low, np.float64), np.array(high, np.float64))

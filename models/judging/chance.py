@@ -1,7 +1,7 @@
 """Chance: what a function's answers score for objects that they are not of, after the same shift and turn.
 
-The best of all shifts and two turns flatters everybody: an answer has about .45 of correlation to an object that it has
-nothing to do with, more where it is a blob. A score says something by what it has above that.
+The best of all shifts and two turns flatters everybody: an answer has about 0.45 of correlation to an object that it
+has nothing to do with, more where it is a blob. A score says something by what it has above that.
 """
 
 import numpy as np

@@ -37,7 +37,7 @@ OBJECT = (36, 36)
 HEIGHTS = tuple(range(8, 35, 2))
 """Longest sides of printed shapes, in pixels of the camera."""
 GRAIN = 1.8
-"""Pixels of the camera, measured from the frames by ``scripts/fine_object_pixels.py --measured``, a disc assumed."""
+"""Pixels of the camera, measured from the frames, a disc assumed (docs/benchmark.md)."""
 CHANGES = {
     "pixels": {"grain": 2.0, "object_pixel": 1.0, "shape": [SIDE, SIDE]}, "objects": {"shape": list(OBJECT)},
 }  # fmt: skip

@@ -9,7 +9,7 @@ is drawn, and the input "periodogram" of networks made of it as it is made of an
 object and the same slab as the recipe's own sample; only the speckle is another one.
 
 Means are exact. What the law leaves out is of second order: neighbouring frequencies of a camera have a covariance of
-.06 where an object fills a third of it, and few points widen the scatter of the lags within a grain by their fourth
+0.06 where an object fills a third of it, and few points widen the scatter of the lags within a grain by their fourth
 cumulant (docs/notes/networks.md).
 """
 

@@ -65,7 +65,7 @@ class Solution(NamedTuple):
     settled : float32[B, n, n]
         The most probable image near it, after a few steps down the likelihood alone.
     deviance : float32[B]
-        Of the settled image; that of the true object is ``expected_deviance(looks)``, .577 for one look.
+        Of the settled image; that of the true object is ``expected_deviance(looks)``, 0.577 for one look.
     log_likelihood : float32[B]
         Of the settled image, less that of a spectrum equal to the periodogram.
     probability : float32[B]

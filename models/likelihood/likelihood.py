@@ -7,7 +7,7 @@ The periodogram I of an image has nearly independent values, exponentially distr
 
 over half of the frequencies (the image is real), without f = 0, which the image's mean has taken, and inside the band
 that the window passes. The brightness a, which a bandwidth or a missing polariser lowers, is profiled out. The
-*deviance* is the mean of I / S - 1 - log(I / S); for the true object it is Euler's constant, .577 (one look), with
+*deviance* is the mean of I / S - 1 - log(I / S); for the true object it is Euler's constant, 0.577 (one look), with
 nothing fitted, and that is how the whole chain is tested.
 
 C(d) multiplies and never divides: noise is not amplified, however far beyond the memory-effect range the object is.

@@ -141,7 +141,7 @@ class Finding(Pictured):
         Brightness 0 to 1, up to a shift; up to a turn by 180 degrees too, where that is not told.
     turn : float or None
         Probability that the image is the right way up, from the third order of the camera image
-        (:func:`~specklegen.models.likelihood.third_order.turn_of`). None where it is not told: where it is below .9,
+        (:func:`~specklegen.models.likelihood.third_order.turn_of`). None where it is not told: where it is below 0.9,
         the image itself is likelier wrong than right, or the object is wider than the memory-effect range.
     draws : Posterior or None
         Pictures that explain the camera image, of one object, the right way up where that is told; where they were

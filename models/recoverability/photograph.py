@@ -84,8 +84,9 @@ class PhotographVerdict(Pictured):
     answer : str
         "works", "needs frames", "cannot" or "no speckle".
     probability : float
-        That phase retrieval comes to a Pearson correlation above .8, of these frames, if they are speckle; 0 of what is
-        seen to be none: most pictures, but not noise that was blurred. Shares that were right: docs/notes/measured.md.
+        That phase retrieval comes to a Pearson correlation above 0.8, of these frames, if they are speckle; 0 of what
+        is seen to be none: most pictures, but not noise that was blurred. Shares that were right:
+        docs/notes/measured.md.
     interval : (float, float)
         Where that share lies for nine scenes of ten that look alike.
     frames_needed : int or None
@@ -221,7 +222,7 @@ def judge_photograph(
     ----------
     photographs
         What :func:`specklegen.measured.read_measurement` reads, or what it returned (with ``envelope="fit"``, which
-        files are read with here: light that is not even passes for no speckle). Frames that correlate by .5 or
+        files are read with here: light that is not even passes for no speckle). Frames that correlate by 0.5 or
         more are of one pattern, whose vibration and noise they tell; others are of independent patterns.
     dark
         Frames without light, or the black level in counts.

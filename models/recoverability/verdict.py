@@ -233,10 +233,10 @@ def conditions_of(
     """
     if recipe.light.polarisation != "scalar":
         reject("recoverable recipe", "one of scalar light", recipe.name,
-               "The verdict knows memory effects that are the same in all directions.")  # fmt: skip
+               "Feasibility is computed for memory effects that are the same in all directions.")  # fmt: skip
     if recipe.bench is not None:
         reject("recoverable recipe", "without a bench", recipe.name,
-               "The verdict knows one camera, iris and focus: state those, and leave out bench.")  # fmt: skip
+               "It is computed for one camera, aperture and focus: state those, and leave out bench.")  # fmt: skip
     ready = recipe.prepare(seed, split, medium)
     drawn = ready.parameters
     objects = np.stack([recipe.objects.image(seed, split, n) for n in range(_EXAMPLES)])

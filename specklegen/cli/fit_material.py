@@ -67,7 +67,7 @@ def _share(
     except ValueError as broken:
         if type(broken) is not ValueError:
             raise
-        reject(f"{_OWNER} {flag}", "a number, or a number and its error such as .31+-.01", text)
+        reject(f"{_OWNER} {flag}", "a number, or a number and its error such as 0.31+-0.01", text)
 
 
 def _number(text: str) -> tuple[str, Any]:

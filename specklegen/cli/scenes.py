@@ -208,7 +208,7 @@ def memory_effect_command(
 
 
 def _where_curves_end(media: "dict[str, Any]", wavelength: float, mode: Any) -> float:
-    """Tilt in degrees, rounded, where little is left of every curve; .04 where that is nowhere up to 6 degrees."""
+    """Tilt in degrees, rounded, where little is left of every curve; 0.04 where that is nowhere up to 6 degrees."""
     import numpy as np
 
     import specklegen as sg

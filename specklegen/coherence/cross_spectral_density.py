@@ -140,7 +140,7 @@ def separable_coherent_modes(
     n_modes : int, optional
         How many; by default the fewest that hold the share ``energy`` of the trace.
     energy : float
-        Between 0 and 1, .99 by default; 1 keeps all modes.
+        Between 0 and 1, 0.99 by default; 1 keeps all modes.
 
     Returns
     -------
@@ -212,7 +212,7 @@ def number_of_modes(a_over_sigma: float, energy: float = 0.99) -> int:
     a_over_sigma : float
         Half the width of the source over its coherence length sigma_g.
     energy : float
-        Share of the power that the modes are to hold, between 0 and 1; .99 by default. More asks for more modes.
+        Share of the power that the modes are to hold, between 0 and 1; 0.99 by default. More asks for more modes.
 
     Examples
     --------

@@ -113,7 +113,7 @@ def source_modes(
         How many; by default the fewest that hold the share ``energy`` of the power. Modes of less than 1e-12 of it are
         left out.
     energy
-        Between 0 and 1, .99 by default; more asks for more modes.
+        Between 0 and 1, 0.99 by default; more asks for more modes.
 
     Returns
     -------

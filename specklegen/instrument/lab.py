@@ -195,7 +195,7 @@ class LabSetup(Value):
 
     @property
     def metres(self) -> float:
-        """Metres in its unit of length: as it was written, or by its wavelength: that of light is .15 to 25
+        """Metres in its unit of length: as it was written, or by its wavelength: that of light is 0.15 to 25
         micrometres.
         """
         mark = mark_of(self)

@@ -171,7 +171,7 @@ def fit_camera(pairs: Sequence[ArrayLike], dark: ArrayLike, *, bit_depth: int | 
     Returns
     -------
     fit
-        Numbers with errors, the curve, and doubts: drift of the lamp by more than .3 % within a pair, hot pixels
+        Numbers with errors, the curve, and doubts: drift of the lamp by more than 0.3 % within a pair, hot pixels
         (left out), bits that no level shows, a curve that is not straight.
 
     Raises

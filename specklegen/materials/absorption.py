@@ -46,7 +46,7 @@ def blood(wavelength: float, oxygenation: float) -> float:
     Parameters
     ----------
     wavelength
-        In vacuum, .4 to 1 micrometres.
+        In vacuum, 0.4 to 1 micrometres.
     oxygenation
         Share of the haemoglobin that holds oxygen.
     """
@@ -58,12 +58,12 @@ def blood(wavelength: float, oxygenation: float) -> float:
 
 
 def water(wavelength: float) -> float:
-    """Water, 1 / mm, at .4 to 1 micrometres; RuleError elsewhere."""
+    """Water, 1 / mm, at 0.4 to 1 micrometres; RuleError elsewhere."""
     return _at("water", wavelength, BAND) / 10
 
 
 def fat(wavelength: float) -> float:
-    """Mammalian fat, 1 / mm, at .43 to 1 micrometres; RuleError elsewhere."""
+    """Mammalian fat, 1 / mm, at 0.43 to 1 micrometres; RuleError elsewhere."""
     return _at("fat", wavelength, FAT_BAND) / 10
 
 

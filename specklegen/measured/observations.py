@@ -176,7 +176,7 @@ class MemoryCurve(_Curve):
             self._refuse(len(self.at) - 1, "tilts", "below pi/2 radians", self.at[-1], "Use np.deg2rad.")
         if self.values[0] < 0.2:
             self._refuse(
-                0, "c_i", "at least .2 at the first tilt", self.values[0],
+                0, "c_i", "at least 0.2 at the first tilt", self.values[0],
                 "The first tilt is beyond the memory effect: are tilts in radians (np.deg2rad)? Else measure smaller "
                 "ones.",
             )  # fmt: skip

@@ -113,7 +113,7 @@ def aimed(
         reject(
             f"{owner} medium", "of a thickness and an albedo above 0", (medium.thickness, medium.albedo),
             "Without scattered light there is no speckle that could be correlated. Towards either end all light is "
-            "scattered once, and C_I of transmission along the axis tends to 1 at tilts small beside the lobe.",
+            "scattered once, and C_I along the axis tends to 1 at tilts well within the phase function's width.",
         )  # fmt: skip
     require_angles(owner, tilts)
     wavelength = positive_number(f"{owner} wavelength", wavelength)
@@ -155,7 +155,7 @@ def require_axial(
                "There is no backscattering direction behind layers, so reversed paths add nothing.")  # fmt: skip
     if not small_tilts(medium, wavelength, tilts):
         most = _largest_small(medium) * min((*medium.indices, medium.faces.inside)) / medium.faces.inside
-        reject(f"{owner} tilts", f"at most {most:.3g} {what}, small beside the scatterers' lobe",
+        reject(f"{owner} tilts", f"at most {most:.3g} {what}, small beside the width of the phase function",
                float(np.abs(tilts).max()), "joint_correlation takes larger ones, to first order.")  # fmt: skip
 
 

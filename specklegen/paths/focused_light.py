@@ -75,10 +75,10 @@ def narrow_lobes(scene: Scene, reverse: bool) -> list[Decision]:
         passing = max(low * float(sines.max()), SLANT**0.5 - edge)
         wide = scene.illumination.sine(scene.wavelength)  # type: ignore[attr-defined]
         reject(
-            "FocusedBeams.aperture", f"at most {min(passing, 0.99 * wide):.3g} beside lobes this narrow", wide,
-            f"Scatterers lie within the near field of their lobes, {lobe_width(scene.slab.scatterer):.2g} wide: path "
-            f"sums would look each beam of the cone up at an angle of its own, and lose {lost:.2g} of the light in "
-            "focus. Use a smaller aperture or a wider waist.",
+            "FocusedBeams.aperture", f"at most {min(passing, 0.99 * wide):.3g} for this phase function", wide,
+            f"The phase function is {lobe_width(scene.slab.scatterer):.2g} wide, and scatterers see the cone: path "
+            f"sums would look each beam up at an angle of its own, and lose {lost:.2g} of the light in focus. "
+            "Use a smaller aperture or a wider waist.",
         )  # fmt: skip
     return [Decision(
         decision.part, False,

@@ -70,7 +70,7 @@ def at_rest(transfer: np.ndarray, doppler: np.ndarray | None) -> np.ndarray:
 def momentum_classes(transfer: np.ndarray) -> np.ndarray:
     """Class int64[M] of each connection's Y, of ``CLASSES``, so narrow that nobody sees them; class 0 is at rest.
 
-    Each is .8 % wide. With the mean Y of a class for that of each, E[w e^(-2 x Y)] / E[w] is off by less than 2e-6.
+    Each is 0.8 % wide. With the mean Y of a class for that of each, E[w e^(-2 x Y)] / E[w] is off by less than 2e-6.
     """
     return geometric_classes(transfer, CLASSES)
 

@@ -112,8 +112,8 @@ def crossing_variance(nu: float, depth: float) -> float:
 def draws_across(medium: PlaneMedium) -> bool:
     """Return whether drawing paths across a slab is worth it: from a relative variance of one a path on.
 
-    The same error of C_I then takes less time: at g .9 as much as before at optical depth 5 and albedo .3, a third at
-    optical depth 20 and albedo .99, a tenth at .9; of isotropic particles a hundredth at 20 and .95. Above all its
+    The same error of C_I then takes less time: at g 0.9 as much as before at optical depth 5 and albedo 0.3, a third at
+    optical depth 20 and albedo 0.99, a tenth at 0.9; of isotropic particles a hundredth at 20 and 0.95. Above all its
     error rests on many paths.
     """
     slab = as_slab(medium)

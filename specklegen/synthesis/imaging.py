@@ -379,7 +379,7 @@ def pair_bytes(lags: tuple[int, int], rank: int, each: int) -> int:
 def image_operations(lags: tuple[int, int], rank: int, tilts: int, lit: int, draws: int) -> tuple[float, float]:
     """Operations of a frame by ``lit`` bright pixels one by one, and by all pairs of modes.
 
-    At 144 x 144 and ranks 3 to 51, under one tilt and eight, either took .08 to .15 ns one.
+    At 144 x 144 and ranks 3 to 51, under one tilt and eight, either took 0.08 to 0.15 ns one.
     """
     cells, count, pairs = lags[0] * lags[1] / 4, lags[0] * lags[1], rank * (rank + 1) // 2
     transform = 5.0 * count * math.log2(count)

@@ -391,7 +391,7 @@ def motion_contrast_estimate(
 
         mean = S_2 + (3 S_2^2 - 4 S_3) / N,   variance = S_2^2 [2 + 6 S_4 / S_2^2 + 4 S_2 - 8 S_3 / S_2] / N
 
-    Compare Skipetrov et al., Opt. Express 18, 14519 (2010). The traces are those of a matrix of sub-frames, to .1 %.
+    Compare Skipetrov et al., Opt. Express 18, 14519 (2010). The traces are those of a matrix of sub-frames, to 0.1 %.
 
     Parameters
     ----------

@@ -13,8 +13,8 @@ Source: S. Steinberg, M. Pharr, *Wave Tracing*, Eqs. 12-20. Deviations: the powe
 1/4; it is the width that grows linearly with distance, not the variance; the cone is an upper bound of three standard
 deviations, larger by a factor between 1 and sqrt 2, most where z tan(alpha) equals the half-width.
 
-The beam is paraxial: at tan(alpha) = .034, .135, .34, .68 the true variance after 300 wavelengths deviates by 7e-5,
-6e-3, 4e-2, .22. Above PARAXIAL a `DoubtWarning` says so.
+The beam is paraxial: at tan(alpha) = 0.034, 0.135, 0.34, 0.68 the true variance after 300 wavelengths deviates by 7e-5,
+6e-3, 4e-2, 0.22. Above PARAXIAL a `DoubtWarning` says so.
 """
 
 from typing import Annotated, Self

@@ -110,7 +110,7 @@ def load_mesh(path: str | Path, scale: float = 1.0, material: Material | None = 
     path
         Of the file, whose suffix says what it is.
     scale
-        What vertices are multiplied by, such as .001 from millimetres to metres; 1 by default.
+        What vertices are multiplied by, such as 0.001 from millimetres to metres; 1 by default.
     material
         Of every face; by default an :class:`Absorber`.
 

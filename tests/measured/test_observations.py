@@ -25,7 +25,7 @@ def test_values_are_arrays_of_one_shape():
     (lambda: MemoryCurve(TILTS[::-1], [0.9, 0.7, 0.4], 0.1), "MemoryCurve tilts, number 2,", "above the one"),
     (lambda: MemoryCurve([-1e-4, 0.0], [0.9, 0.7], 0.1), "MemoryCurve tilts, number 1,", "at least 0"),
     (lambda: MemoryCurve(TILTS, [1.2, 0.7, 0.4], 0.01), "MemoryCurve c_i, number 1,", "from 0 to 1"),
-    (lambda: MemoryCurve(TILTS, [0.1, 0.05, 0.0], 0.01), "MemoryCurve c_i, number 1,", "at least .2"),
+    (lambda: MemoryCurve(TILTS, [0.1, 0.05, 0.0], 0.01), "MemoryCurve c_i, number 1,", "at least 0.2"),
     (lambda: MemoryCurve([1.0, 2.0], [0.9, 0.7], 0.01), "MemoryCurve tilts, number 2,", "below pi/2 radians"),
     (lambda: MemoryCurve(TILTS, [0.9, 0.7], 0.01), "MemoryCurve c_i", "one number for each of 3 tilts"),
     (lambda: TemporalCurve([0.1, 0.2], [0.9, 0.5], 0.01), "TemporalCurve g2, number 1,", "from 1 to 2"),
@@ -47,7 +47,7 @@ def test_what_no_measurement_gives_is_refused(make, field, rule):
     ("1e-4,.9,.01\n# a word\n2e-4,.7,0\n", 3, "standard error greater than 0"),
     ("1e-4,.9,.01\n1e-4,.7,.01\n", 2, "of a place above the one before"),
     ("1e-4,.9,.01\n\n2,.7,.01\n", 3, "below pi/2 radians"),
-    ("0.5,.1,.01\n0.6,.05,.01\n", 1, "at least .2 at the first tilt"),
+    ("0.5,.1,.01\n0.6,.05,.01\n", 1, "at least 0.2 at the first tilt"),
 ])  # fmt: skip
 def test_files_are_refused_with_the_line(tmp_path, text, line, rule):
     (tmp_path / "tilts.csv").write_text(text)

@@ -86,7 +86,7 @@ class Material(Value):
         Anisotropy of Henyey-Greenstein scatterers; stands for ``scatterer = {type = "HenyeyGreenstein", g = ...}``.
     scatterer
         The particles, of any type, their numbers constants or drawn; where given, ``g`` is not looked at. The
-        memory-effect ranges of two scatterers of one g differ: 4.5 times at .9, 10 times at .98 (docs/atlas.md).
+        memory-effect ranges of two scatterers of one g differ: 4.5 times at 0.9, 10 times at 0.98 (docs/atlas.md).
     albedo
         Share of collisions that scatter.
     faces
@@ -131,7 +131,7 @@ class Material(Value):
             if not low < smallest <= largest < high:
                 reject(f"Material.{name}", f"between {low} and {high}, both excluded", getattr(self, name))
         if self.kernel == "atlas" and not self.faces.matched:
-            reject("Material.kernel", '"estimate" for faces with a step of the index, of which the atlas has no table',
+            reject("Material.kernel", '"estimate" for faces of unlike indices, for which there is no lookup table',
                    self.kernel, 'Write kernel = "estimate"; kernel_paths sets what a material takes.')  # fmt: skip
         if not 0 < ends(self.albedo)[0] <= ends(self.albedo)[1] <= 1:
             reject("Material.albedo", "above 0 and at most 1", self.albedo)

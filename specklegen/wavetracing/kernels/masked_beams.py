@@ -10,8 +10,8 @@ transforms of rows at one wavevector: sums over the few places at which the open
 beyond each place.
 
 An open share is a mean over its cell: the power of an edge at angle theta = pi m / GRID comes out as
-theta^2 (1 - 2/3 sin^2 theta) / sin^2 theta of itself, folded frequencies included, .69 at worst. Shares sharpened by
-`_SHARPER` of their second differences bring it to .92 ... 1.11.
+theta^2 (1 - 2/3 sin^2 theta) / sin^2 theta of itself, folded frequencies included, 0.69 at worst. Shares sharpened by
+`_SHARPER` of their second differences bring it to 0.92 ... 1.11.
 
 Beyond the grid's last wavevector Q the pattern is that of its rims alone: a rim of normal n carries |u|^2 / (pi q^2) a
 length and dq along n, so the share |u|^2 / (pi Q) a length of rim is drawn there, q = Q / uniform. What this costs:
