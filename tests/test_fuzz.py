@@ -69,7 +69,7 @@ def result_or_refusal(words: tuple[str, ...], call):
         return None
 
 
-def assert_sensible(scene: sg.Scene, found: sg.Covariance) -> None:
+def assert_sensible(scene: sg.Scene, found: sg.results.Covariance) -> None:
     t, v = len(scene.lights), len(scene.views)
     assert found.value.shape == found.standard_error.shape == (t, v, t, v)
     for array in (found.value, found.single, found.multiple, found.standard_error):
@@ -90,7 +90,8 @@ def test_any_scene_has_a_covariance_a_plan_and_an_image(count):
     @given(scene=scenes(), seed=st.integers(0, 2**32), reverse=st.sampled_from([True, False, "auto"]))
     def check(scene, seed, reverse):
         with strict():
-            found = result_or_refusal((ABSORBED,), lambda: sg.covariance(scene, paths=64, seed=seed, reverse=reverse))
+            found = result_or_refusal((ABSORBED,),
+                                      lambda: sg.statistics.covariance(scene, paths=64, seed=seed, reverse=reverse))
             if found is not None:
                 assert_sensible(scene, found)
             plan = result_or_refusal((ABSORBED, DIM), lambda: sg.plan(scene, paths=16, reverse=reverse))
@@ -115,7 +116,7 @@ def test_the_mean_field_is_finite_or_refused(count):
     @given(scene=scenes())
     def check(scene):
         with strict():
-            mean = result_or_refusal(("mean_field",), lambda: sg.mean_field(scene))
+            mean = result_or_refusal(("mean_field",), lambda: sg.statistics.mean_field(scene))
         if mean is None:
             return
         assert mean.shape == (len(scene.lights), *scene.sensor.shape)
@@ -137,16 +138,16 @@ def test_any_unit_of_length_gives_the_same_light(count):
             scaled = medium.replace(thickness=s * medium.thickness, mean_free_path=s * medium.mean_free_path)
         else:
             scaled = medium.replace(lower=s * medium.lower, upper=s * medium.upper)
-            if isinstance(medium, sg.Box):
+            if isinstance(medium, sg.media.Box):
                 scaled = scaled.replace(mean_free_path=s * medium.mean_free_path)
             else:
                 scaled = scaled.replace(extinction=medium.extinction / s)
         light, sensor, order = scene.illumination, scene.sensor, 0
-        if isinstance(light, sg.PointSources):
+        if isinstance(light, sg.light.PointSources):
             light, order = light.replace(points=s * light.points), -1
-        elif isinstance(light, sg.CollimatedBeams):
+        elif isinstance(light, sg.light.CollimatedBeams):
             light = light.replace(width=s * light.width)
-        if isinstance(sensor, sg.NearField):
+        if isinstance(sensor, sg.sensors.NearField):
             sensor = sensor.replace(points=s * sensor.points)
         else:
             order += 1
@@ -156,7 +157,8 @@ def test_any_unit_of_length_gives_the_same_light(count):
             one, two = (
                 result_or_refusal(
                     (ABSORBED,),
-                    lambda of=each: sg.covariance(of, paths=16, seed=seed, reverse=False, orders="all").value,
+                    lambda of=each: sg.statistics.covariance(of, paths=16, seed=seed, reverse=False,
+                                                             orders="all").value,
                 )
                 for each in (scene, other)
             )
@@ -179,16 +181,16 @@ def test_no_more_light_leaves_than_enters(count):
     @given(depth=powers(-3, 1), albedo=st.floats(0, 1), g=st.floats(-0.5, 0.5), aspect=powers(-1, 1),
            light=directions(3, 1, forward=True), seed=st.integers(0, 99))  # fmt: skip
     def check(depth, albedo, g, aspect, light, seed):
-        box = sg.Box(lower=[0, 0, 0], upper=[10 * depth * aspect, 10 * depth, 10 * depth], mean_free_path=10.0,
-                     albedo=albedo, scatterer=sg.HenyeyGreenstein(g=g))  # fmt: skip
+        box = sg.media.Box(lower=[0, 0, 0], upper=[10 * depth * aspect, 10 * depth, 10 * depth], mean_free_path=10.0,
+                     albedo=albedo, scatterer=sg.media.HenyeyGreenstein(g=g))  # fmt: skip
         # Even over the sphere: Fibonacci's spiral; its quadrature of so smooth a light is good to 1e-2.
         n = np.arange(64)
         z, turn = 1 - (2 * n + 1) / 64, np.pi * (1 + np.sqrt(5)) * n
         views = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], 1)
-        made = sg.Scene(wavelength=1.0, medium=box, illumination=sg.PlaneWaves(directions=light),
-                        sensor=sg.FarField(directions=views))  # fmt: skip
+        made = sg.Scene(wavelength=1.0, medium=box, illumination=sg.light.PlaneWaves(directions=light),
+                        sensor=sg.sensors.FarField(directions=views))  # fmt: skip
         with strict():
-            found = sg.covariance(made, paths=640, seed=seed, reverse=False)
+            found = sg.statistics.covariance(made, paths=640, seed=seed, reverse=False)
         scattered = 4 * np.pi * found.intensity[0].mean()
         error = 4 * np.pi * np.einsum("tvtv->tv", found.standard_error)[0].mean()
         sides = box.upper - box.lower
@@ -235,10 +237,11 @@ def test_any_slab_between_indices(count):
     @given(scene=faced_scenes(), seed=st.integers(0, 99))
     def check(scene, seed):
         with strict():
-            found = result_or_refusal((ABSORBED,), lambda: sg.covariance(scene, paths=64, seed=seed, reverse=False))
+            found = result_or_refusal((ABSORBED,),
+                                      lambda: sg.statistics.covariance(scene, paths=64, seed=seed, reverse=False))
             if found is not None:
                 assert_sensible(scene, found)
-            assert np.isfinite(sg.mean_field(scene)).all()
+            assert np.isfinite(sg.statistics.mean_field(scene)).all()
             plan = result_or_refusal((ABSORBED, DIM), lambda: sg.plan(scene, paths=16))
             stack = result_or_refusal((ABSORBED, DIM), lambda: sg.render(scene, paths=16, seed=seed))
         assert (plan is None) == (stack is None)
@@ -262,7 +265,8 @@ def test_any_screens(count):
             plan = result_or_refusal(SCREENS, lambda: sg.plan(scene))
             stack = result_or_refusal(SCREENS, lambda: sg.render(scene, seed=seed))
             curve = sg.memory_effect(medium, wavelength=wavelength, tilts=[0.0, 1e-6, 1e-3, 0.1])
-            joint = sg.joint_correlation(medium, wavelength=wavelength, tilts=[0.0, 1e-4], shifts=[0.0, wavelength])
+            joint = sg.statistics.joint_correlation(medium, wavelength=wavelength, tilts=[0.0, 1e-4],
+                                                    shifts=[0.0, wavelength])
         assert (plan is None) == (stack is None)
         assert stack is None or np.isfinite(stack.field).all()
         assert curve.intensity[0] == pytest.approx(1, abs=1e-9)
@@ -353,25 +357,28 @@ def test_any_source_has_modes_of_its_power(count):
 NUMBERS = st.sampled_from([float("nan"), float("inf"), -1.0, "", "x", "1 ell", None])
 NO_VECTORS = st.one_of(st.just("up"), st.just([[0.0, 0.0, 2.0]]), st.just([[float("nan"), 0.0, 1.0]]), st.just([[1.0]]),
                        st.just([[]]), st.just([[[0.0, 1.0]], [[1.0]]]))  # fmt: skip
-SLAB = {"thickness": 10.0, "mean_free_path": 1.0, "scatterer": sg.Isotropic()}
-BOX = {"lower": [0, 0, 0], "upper": [1, 1, 1], "mean_free_path": 1.0, "scatterer": sg.Isotropic()}
+SLAB = {"thickness": 10.0, "mean_free_path": 1.0, "scatterer": sg.media.Isotropic()}
+BOX = {"lower": [0, 0, 0], "upper": [1, 1, 1], "mean_free_path": 1.0, "scatterer": sg.media.Isotropic()}
 BEAMS = {"directions": [[0.0, 0.0, 1.0]], "width": 1.0}
-VOXELS = {"lower": [0, 0], "upper": [1, 1], "extinction": [[1.0]], "scatterers": (sg.Isotropic(),)}
+VOXELS = {"lower": [0, 0], "upper": [1, 1], "extinction": [[1.0]], "scatterers": (sg.media.Isotropic(),)}
 BREAKS = [
     *[(sg.Slab, SLAB, field, NUMBERS) for field in ("thickness", "mean_free_path", "albedo")],
-    *[(sg.Box, BOX, field, NUMBERS) for field in ("mean_free_path", "albedo", "scatterer", "lower", "upper")],
-    *[(sg.VoxelGrid, VOXELS, field, NUMBERS) for field in ("extinction", "albedo", "material", "scatterers")],
-    (sg.CollimatedBeams, BEAMS, "width", st.one_of(NUMBERS, st.just(0.0))),
-    (sg.CollimatedBeams, BEAMS, "profile", NUMBERS),
-    (sg.CollimatedBeams, BEAMS, "directions", NO_VECTORS),
-    (sg.PlaneWaves, {}, "directions", NO_VECTORS),
-    (sg.FarField, {}, "directions", NO_VECTORS),
-    (sg.NearField, {}, "points", st.one_of(st.just("here"), st.just([[float("inf"), 0.0]]), st.just([[1.0]]))),
-    (sg.PointSources, {}, "points", st.one_of(st.just("here"), st.just([[float("nan"), 0.0]]), st.just([1.0, 2.0]))),
-    (sg.HenyeyGreenstein, {}, "g", st.one_of(NUMBERS, st.sampled_from([1.0, 1.5]), st.floats(max_value=-1))),
-    (sg.VonMisesFisher, {}, "concentration", NUMBERS),
-    (sg.FarFieldGrid, {"shape": (3, 3), "pitch": 1e-3}, "pitch", st.one_of(NUMBERS, st.just(0.0), st.just(10.0))),
-    (sg.FarFieldGrid, {"shape": (3, 3), "pitch": 1e-3}, "shape", st.sampled_from([(0, 1), (1,), (2.5, 1), "x", None])),
+    *[(sg.media.Box, BOX, field, NUMBERS) for field in ("mean_free_path", "albedo", "scatterer", "lower", "upper")],
+    *[(sg.media.VoxelGrid, VOXELS, field, NUMBERS) for field in ("extinction", "albedo", "material", "scatterers")],
+    (sg.light.CollimatedBeams, BEAMS, "width", st.one_of(NUMBERS, st.just(0.0))),
+    (sg.light.CollimatedBeams, BEAMS, "profile", NUMBERS),
+    (sg.light.CollimatedBeams, BEAMS, "directions", NO_VECTORS),
+    (sg.light.PlaneWaves, {}, "directions", NO_VECTORS),
+    (sg.sensors.FarField, {}, "directions", NO_VECTORS),
+    (sg.sensors.NearField, {}, "points", st.one_of(st.just("here"), st.just([[float("inf"), 0.0]]), st.just([[1.0]]))),
+    (sg.light.PointSources, {}, "points", st.one_of(st.just("here"), st.just([[float("nan"), 0.0]]), st.just([1.0,
+    2.0]))),
+    (sg.media.HenyeyGreenstein, {}, "g", st.one_of(NUMBERS, st.sampled_from([1.0, 1.5]), st.floats(max_value=-1))),
+    (sg.media.VonMisesFisher, {}, "concentration", NUMBERS),
+    (sg.sensors.FarFieldGrid, {"shape": (3, 3), "pitch": 1e-3}, "pitch", st.one_of(NUMBERS, st.just(0.0),
+    st.just(10.0))),
+    (sg.sensors.FarFieldGrid, {"shape": (3, 3), "pitch": 1e-3}, "shape", st.sampled_from([(0, 1), (1,), (2.5, 1), "x",
+    None])),
 ]
 
 

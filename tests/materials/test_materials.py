@@ -52,7 +52,7 @@ def test_slabs_of_every_bulk_can_be_planned(made):
 
 def test_spheres_in_water_are_those_of_mie(made):
     """The mean free path by number density times cross-section, computed here anew."""
-    sphere = sg.Mie(radius=0.5, wavelength=0.633 / indices.water(0.633),
+    sphere = sg.media.Mie(radius=0.5, wavelength=0.633 / indices.water(0.633),
                     refractive_index=indices.polystyrene(0.633) / indices.water(0.633))  # fmt: skip
     density = 0.01 / (4 / 3 * math.pi * 0.5**3)
     expected = 1 / (density * sphere.scattering_cross_section)
@@ -70,7 +70,7 @@ def test_lengths_are_in_the_unit_that_is_asked_for():
 
 @pytest.mark.parametrize("index", [1.19, 1.5 + 0.02j])
 def test_a_suspension_of_one_size_is_that_sphere(index):
-    sphere = sg.Mie(radius=0.5, wavelength=0.5, refractive_index=index)
+    sphere = sg.media.Mie(radius=0.5, wavelength=0.5, refractive_index=index)
     found = suspension(((Sizes(radii=[0.5], numbers=[1.0]), index),), 0.5)
     assert found.scattering == pytest.approx(sphere.scattering_cross_section, rel=1e-12)
     assert found.absorption == pytest.approx(sphere.extinction_cross_section - sphere.scattering_cross_section,
@@ -82,7 +82,7 @@ def test_a_suspension_of_one_size_is_that_sphere(index):
 
 def test_a_suspension_of_two_kinds_is_their_sum():
     kinds = ((Sizes(radii=[0.1, 0.3], numbers=[5.0, 1.0]), 1.2), (Sizes(radii=[0.2], numbers=[2.0]), 1.1))
-    spheres = [(sg.Mie(radius=r, wavelength=0.5, refractive_index=index), n)
+    spheres = [(sg.media.Mie(radius=r, wavelength=0.5, refractive_index=index), n)
                for sizes, index in kinds for r, n in zip(sizes.radii, sizes.numbers, strict=True)]  # fmt: skip
     found = suspension(kinds, 0.5)
     each = np.array([n * sphere.scattering_cross_section for sphere, n in spheres])
@@ -163,7 +163,7 @@ def test_families_of_lobes_have_the_same_mean_cosine(g):
         lobe = lobe_of(family, g)
         assert lobe.type == name
         assert lobe.mean_cosine() == pytest.approx(g, rel=1e-9)
-    assert lobe_of(LOBES[1], 0.0) == sg.HenyeyGreenstein(0.0)
+    assert lobe_of(LOBES[1], 0.0) == sg.media.HenyeyGreenstein(0.0)
 
 
 @pytest.mark.parametrize("name", [*sorted(TISSUES), "epidermis", "fat", "intralipid"])
