@@ -2,14 +2,14 @@
 
     python scripts/gpu_benchmark.py --device cuda      some minutes; writes nothing unless --json is given
     python scripts/gpu_benchmark.py --device cpu       the same on the CPU, for comparison
-    python scripts/gpu_benchmark.py --only streams     batches of recipes (docs/devices.md), and what else users have
+    python scripts/gpu_benchmark.py --only streams     batches of recipes (docs/notes/devices.md) and of other tools
     python scripts/gpu_benchmark.py --profile through-slab     where the time of a recipe's batches goes
 
 Limits are measured in the same run: bytes a second of a large copy (read and written), and floating-point operations
 a second of a large complex64 matrix product. Beside each rate stand the bytes and operations that one image cannot do
 without, and the share of the device's limit that the rate reaches. Every result is compared with the CPU's before it
 is timed. Rates are medians of the repeats, on the CPU in seconds of the processor. The first batches compile
-their operators, which takes a minute or two on a CUDA device (docs/devices.md).
+their operators, which takes a minute or two on a CUDA device (docs/notes/devices.md).
 """
 
 import argparse

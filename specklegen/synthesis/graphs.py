@@ -2,7 +2,7 @@
 
 Written after torch's documentation (notes on CUDA semantics, "CUDA Graphs"). The first replay is compared with what the
 function itself gives, to the bit, so that what capture does not carry is found there; what a GPU said of it stands in
-docs/devices.md.
+docs/notes/devices.md.
 """
 
 import logging
