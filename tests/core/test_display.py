@@ -24,6 +24,7 @@ from specklegen.core.display.plot import Pictured, card, draw_images
 from specklegen.core.values import Value
 from specklegen.datasets import SpeckleCache, load_recipe
 from specklegen.models import PhotographVerdict
+from specklegen.models.calibration.material_fit import MaterialFit
 from specklegen.models.judging.evaluation import Evaluation
 from specklegen.models.judging.results import Results
 from specklegen.models.likelihood.common_medium import Joint
@@ -173,8 +174,8 @@ def test_a_store_shows_what_is_there_already(tmp_path):
     assert cache.facts()["samples"] == "3"
 
 
-IN_WORDS = (sg.Plan, sg.Advice, PhotographVerdict)
-"""Results that hold no arrays of their own and say themselves in a sentence."""
+IN_WORDS = (sg.Plan, sg.Advice, PhotographVerdict, MaterialFit)
+"""Results that say themselves in a sentence, or show the few numbers of a problem that they hold."""
 UNPICTURED = {"Edges": "of the geometry, for the tracer", "Mesh": "of the geometry", "Incidence": "of the march",
               "Moments": "of the layer's cells", "SingleDelay": "coefficients of one approximation",
               "Periodogram": "what the likelihood is computed from", "Optics": "a number for each object",
