@@ -39,7 +39,7 @@ from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import SLANT, LobeLoss, lobe_loss, steepest
-from specklegen.paths.rare_paths import implied_error, warn_of_rare_paths
+from specklegen.paths.rare_paths import Implied, implied_error, warn_of_rare_paths
 from specklegen.paths.reversal import reversal_decision
 from specklegen.paths.slab_tracer import events_across, events_per_path
 from specklegen.paths.steps import refracting_layers
@@ -488,12 +488,12 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
     pairs = [slice(t, t + 1) for t in range(1 + n)]
     first = tracer.layout.of_ends(pairs[0], pairs[0])
 
-    def batch(part: slice, threads: Threads) -> tuple[np.ndarray, float]:
-        """Sums of products with zero tilt, of powers, of that at zero tilt; and of the latter by single scattering."""
+    def batch(part: slice, threads: Threads) -> tuple[np.ndarray, float, np.ndarray]:
+        """Sums of products with zero tilt, powers, and that at zero tilt; the last by single scattering; changes."""
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, threads=threads)
         ones, many = bank.single, bank.multiple
         alone, still = np.empty(0), np.empty(0)
-        sums = np.empty(2 * n + 1, np.complex128)
+        sums, changes = np.empty(2 * n + 1, np.complex128), np.zeros((n, 4), np.complex128)
         for t, pair in enumerate(pairs):  # one after the other: all amplitudes at once would not fit
             layout = tracer.layout.of_ends(pair, pair)
             layout = first.tilting(layout) if near else layout
@@ -503,11 +503,13 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
                 alone, still = once, both
             else:
                 sums[t - 1] = (still * both.conj()).sum()
+                changes[t - 1] = _changes(still, both)
             sums[n + t - 1 if t else 2 * n] = np.square(np.abs(both)).sum()
-        return sums, np.square(np.abs(alone)).sum()
+        return sums, np.square(np.abs(alone)).sum(), changes
 
     batches = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(threads)))
-    sums, single = np.array([both for both, _ in batches]), sum(alone for _, alone in batches)
+    sums, changes = (np.array([each[m] for each in batches]) for m in (0, 2))
+    single = sum(alone for _, alone, _ in batches)
     total = sums[:, 2 * n].real.sum()
     if not total > _FAINTEST:
         return _dark(n)
@@ -520,8 +522,34 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
         return np.square(np.abs(normalised(part)))
 
     intensity, error = jackknife(sums, correlation)
-    lit = sums[:, 2 * n].real
-    return normalised(sums.sum(axis=0)), intensity, 1 - intensity, error, float(single / total), lit, np.inf
+    field, lit, carried = normalised(sums.sum(axis=0)), sums[:, 2 * n].real, np.inf
+    if not reverse:
+        implied = _implied(medium, lit, changes)
+        error, carried = implied.at_least(error, 2 * np.abs(field)), float(implied.paths.min(initial=np.inf))
+    return field, intensity, 1 - intensity, error, float(single / total), lit, carried
+
+
+def _changes(still: np.ndarray, both: np.ndarray) -> np.ndarray:
+    """Sums of w d, w |d|^2, w d^2 and w Re(d)^4 over connections: d is what a tilt makes of each, less 1.
+
+    Of the last one the mean phase is taken out.
+    """
+    weight = np.square(np.abs(still))
+    change = np.divide(both, still, out=np.ones_like(both), where=weight > 0).conj() - 1
+    turn = np.exp(-1j * np.angle((weight * (1 + change)).sum()))
+    along = ((1 + change) * turn).real - 1
+    return np.array([weight @ each for each in (change, np.square(np.abs(change)), change**2, along**4)])
+
+
+def _implied(medium: PlaneMedium, lit: np.ndarray, changes: np.ndarray) -> Implied:
+    """Errors that the phase function implies, from light float64[batches] and sums complex128[batches, T, 4]."""
+    first, size, second, fourth = np.moveaxis(changes, -1, 0)
+    light = lit.sum()
+    field = 1 + first.sum(axis=0) / light
+    turn = np.exp(-1j * np.angle(field))
+    shift = turn.real - np.abs(field)  # Re(d turn) + shift is the deviation along K
+    squares = (size + second * turn**2).real / 2 + 2 * shift * (first * turn).real + shift**2 * lit[:, None]
+    return implied_error(medium, float(light), np.maximum(squares, 0.0), fourth.real.sum(axis=0))
 
 
 def _dark(n: int):

@@ -67,14 +67,16 @@ def implied_error(medium: PlaneMedium, light: float, squares: np.ndarray, fourth
     squares, fourths
         float64[batches, T] and float64[T], sums of w f^2 of each batch, and of w f^4, f the deviation from K.
     """
-    total, carried = squares.sum(axis=0), np.full(len(fourths), np.inf)
+    carried = np.full(len(fourths), np.inf)
     if draws_across(medium) or refracting_layers(medium) or not light > 0:
         return Implied(np.zeros(len(fourths)), carried)
+    squares, fourths = squares / light, fourths / light  # faint light underflows
     square, fourth = min(map(lobe_moments, medium.scatterers))
-    np.divide((square * total) ** 2, fourth * fourths, out=carried, where=fourths > 0)
+    weight, total = light / medium.albedo, squares.sum(axis=0)  # every path has been scattered once
+    np.divide((square * total) ** 2 * weight, fourth * fourths, out=carried, where=fourths > 0)
     spread = np.square(squares - total / len(squares)).sum(axis=0)
-    doubt = np.divide(spread, np.square(total), out=np.zeros(len(fourths)), where=total > 0)
-    return Implied(np.sqrt(square * total) / light * doubt_factor(doubt, doubt), carried)
+    doubt = np.divide(spread, np.square(total), out=np.zeros(len(fourths)), where=np.square(total) > 0)
+    return Implied(np.sqrt(square * total / weight) * doubt_factor(doubt, doubt), carried)
 
 
 @remembered(64)

@@ -9,13 +9,15 @@ import zscore
 import specklegen as sg
 from specklegen.core import statistics
 from specklegen.core.errors import DoubtWarning
+from specklegen.core.statistics import BATCHES
+from specklegen.memory_effects import curve
 from specklegen.memory_effects.correlation import estimate_correlation
 from specklegen.paths import pilot as pilots
 from specklegen.paths import rare_paths
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.gaussianity import PathMoments
 from specklegen.paths.pilot import PILOT_PATHS, scene_pilot
-from specklegen.paths.rare_paths import lobe_moments
+from specklegen.paths.rare_paths import implied_error, lobe_moments
 from specklegen.paths.tracer import scene_tracer
 
 
@@ -153,26 +155,45 @@ def test_errors_behind_other_narrow_phase_functions_hold_the_truth(g, depth, pat
 
 
 def test_errors_that_many_paths_carry_stay():
-    """To the bit: of wide phase functions, of narrow ones from many paths, and of layers by their widest one."""
+    """To the bit: of wide phase functions, narrow ones and many paths, layers by their widest one, and absorption."""
     q = np.array([0.01, 0.05])
     layers = sg.Layers([sg.Layer(thickness=20.0, mean_free_path=10.0, scatterer=sg.HenyeyGreenstein(g))
                         for g in (0.99, 0.0)])  # fmt: skip
-    for medium, paths in ((slab(5.0, 0.0), 4000), (slab(5.0, 0.5), 4000), (slab(5.0, 0.9), 64_000), (layers, 4000)):
+    for medium, paths in ((slab(5.0, 0.0), 4000), (slab(5.0, 0.5), 4000), (slab(5.0, 0.9), 64_000), (layers, 4000),
+                          (slab(2.0, 0.0, 1e-9), 4000)):  # fmt: skip
         correlation = estimate_correlation(medium, paths, 1, threads=1)
         error = correlation.intensity(q)[2]
         raised = correlation.implied_error(medium, q).at_least(error, 2 * np.abs(correlation(q)))
         np.testing.assert_array_equal(raised, error)
 
 
-def test_views_aside_state_what_the_phase_function_implies(monkeypatch):
-    """Estimates are those of batches alone, to the bit, and errors larger; tilts keep their angle to the lobe."""
-    options = {"wavelength": 1.0, "tilts": [0.003, 0.006], "view": [0.1, 0.0, np.sqrt(0.99)], "paths": 1000, "seed": 3}
+@pytest.mark.parametrize(("wavelength", "tilts", "near"), [(1.0, [0.003, 0.006], True), (1e-3, [2e-6, 1e-5], False)])
+def test_views_aside_state_what_the_phase_function_implies(wavelength, tilts, near, monkeypatch):
+    """Estimates are those of batches alone, to the bit, and errors larger; in the near field of the lobe and beyond."""
+    options = {"wavelength": wavelength, "tilts": tilts, "view": [0.1, 0.0, np.sqrt(0.99)], "paths": 1000, "seed": 3}
     with pytest.warns(DoubtWarning, match="standard errors rest on about 1 of the paths"):
         raised = sg.memory_effect(slab(50.0, 0.98), **options)
-    assert raised.near_field
+    assert raised.near_field == near
     monkeypatch.setattr(rare_paths.Implied, "at_least", lambda self, error, slope: error)
     with pytest.warns(DoubtWarning, match="standard errors rest on about 1 of the paths"):
         batches = sg.memory_effect(slab(50.0, 0.98), **options)
     np.testing.assert_array_equal(raised.field, batches.field)
     np.testing.assert_array_equal(raised.intensity, batches.intensity)
     assert (raised.standard_error > 1.2 * batches.standard_error).all()
+
+
+def test_sums_of_amplitudes_are_those_of_deviations():
+    """Of w (Re(p u) - |K|)^2, p what a tilt makes of a connection, from sums that do not know K; 1 % is caught."""
+    rng, medium = np.random.default_rng(1), slab(50.0, 0.98)
+    still, both = rng.normal(size=(2, BATCHES, 14)).view(np.complex128)
+    both = 0.1 * both + np.exp(0.4j) * still
+    weight = np.square(np.abs(still))
+    mean = (still * both.conj()).sum() / weight.sum()
+    off = (both.conj() / still.conj() * np.exp(-1j * np.angle(mean))).real - abs(mean)
+    expected = implied_error(medium, weight.sum(), (weight * off**2).sum(axis=1)[:, None], np.ones(1)).error
+    light = weight.sum(axis=1)
+    changes = np.array([[curve._changes(a, b)] for a, b in zip(still, both, strict=True)])
+    assert curve._implied(medium, light, changes).error == pytest.approx(expected, rel=1e-9)
+    for term in range(3):
+        wrong = changes * (1 + 0.01 * (np.arange(4) == term))
+        assert curve._implied(medium, light, wrong).error != pytest.approx(expected, rel=1e-4)
