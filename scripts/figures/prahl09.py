@@ -1,8 +1,7 @@
 """Figures of partially coherent light at a cylindrical focus, after [Prahl09].
 
-Draws figure-2.png to figure-11.png and prints the tables of docs/coherence.md. The numbers are those of
-the paper's figures; what each shows is a reconstruction from its equations, because the printed figures
-and their captions were not at hand (only that figure 8 is the effect of the measurement function).
+Draws the pictures and prints the tables of docs/coherence.md. They follow from the paper's equations: its
+printed figures and their captions were not at hand.
 
 Run it by itself: python scripts/figures/prahl09.py --out docs/coherence [--quick]
 """
@@ -82,7 +81,7 @@ def expectation(subdivision=8):
 
 
 def draw_source(out, quick):
-    """Figure 2: degree of coherence of sampled sources, Karhunen-Loeve and copula, against the model."""
+    """Degree of coherence of sampled sources, Karhunen-Loeve and copula, against the model."""
     n = 64**2 if quick else 256**2
     figure, panels = plt.subplots(1, 2, figsize=(9, 3.4), sharey=True)
     x = TRANSVERSE.source_x / TRANSVERSE.half_aperture
@@ -96,11 +95,11 @@ def draw_source(out, quick):
         panel.set(title=f"{method}, {n} realizations", xlabel="x'/a")
     panels[0].set_ylabel("$W_0(0, x')$")
     panels[1].legend(fontsize=8)
-    save(figure, out / "figure-2.png", dpi=72)
+    save(figure, out / "sampled-sources.png", dpi=72)
 
 
 def draw_greens_function(out, quick):
-    """Figure 3: the Green's function by physical optics, uniform rays and aimed rays."""
+    """The Green's function by physical optics, uniform rays and aimed rays."""
     n = 10**5 if quick else 10**6
     columns = {
         "physical optics": TRANSVERSE.physical_optics(measurement=True),
@@ -117,15 +116,15 @@ def draw_greens_function(out, quick):
         phase.set_xlabel("x'/a")
     panels[0, 0].set_ylabel("|G|, x ($\\lambda$)")
     panels[1, 0].set_ylabel("arg G, x ($\\lambda$)")
-    save(figure, out / "figure-3.png", dpi=72)
+    save(figure, out / "greens-function.png", dpi=72)
 
 
 def draw_profiles(out, quick):
-    """Figures 4 to 7: S and |mu| across and along the focus, physical optics and Monte Carlo."""
+    """S and |mu| across and along the focus, physical optics and Monte Carlo."""
     n = 10**5 if quick else 10**6
-    for focus, G, axis, label, first in (
-        (TRANSVERSE, TRANSVERSE.monte_carlo(10 * n, "uniform", seed=0), TRANSVERSE.detector.x, "x", 4),
-        (AXIAL, AXIAL.monte_carlo(n, "stratified", seed=0), AXIAL.detector.z, "z", 6),
+    for focus, G, axis, label, name in (
+        (TRANSVERSE, TRANSVERSE.monte_carlo(10 * n, "uniform", seed=0), TRANSVERSE.detector.x, "x", "across"),
+        (AXIAL, AXIAL.monte_carlo(n, "stratified", seed=0), AXIAL.detector.z, "z", "along"),
     ):
         density, ax_density = plt.subplots(figsize=(5, 3.4))
         degree, ax_degree = plt.subplots(figsize=(5, 3.4))
@@ -139,9 +138,9 @@ def draw_profiles(out, quick):
             ax_degree.plot(axis[::4], np.abs(mu_traced)[::4], ".", markersize=3, color=colour)
         ax_density.set(xlabel=f"{label} ($\\lambda$)", ylabel="S / S(0)")
         ax_degree.set(xlabel=f"{label} ($\\lambda$)", ylabel="|$\\mu$(0, ·)|", ylim=(0, 1.02))
-        for figure, panel, number in ((density, ax_density, first), (degree, ax_degree, first + 1)):
+        for figure, panel, what in ((density, ax_density, "density"), (degree, ax_degree, "degree")):
             panel.legend(fontsize=7)
-            save(figure, out / f"figure-{number}.png", dpi=72)
+            save(figure, out / f"{what}-{name}.png", dpi=72)
 
 
 def profile_rows(focus, axis, places):
@@ -157,7 +156,7 @@ def profile_rows(focus, axis, places):
 
 
 def draw_measurement_function(out):
-    """Figure 8: what the measurement function changes in S and mu; returns the table rows."""
+    """Draw what the measurement function changes in S and mu; return the table rows."""
     figure, panels = plt.subplots(1, 2, figsize=(9, 3.4))
     x, rows = TRANSVERSE.detector.x, []
     for sigma in SIGMAS:
@@ -172,7 +171,7 @@ def draw_measurement_function(out):
     panels[0].set(xlabel="x ($\\lambda$)", ylabel="change of S/S(0)")
     panels[1].set(xlabel="x ($\\lambda$)", ylabel="change of $\\mu$(0, x)")
     panels[0].legend(fontsize=7)
-    save(figure, out / "figure-8.png", dpi=72)
+    save(figure, out / "measurement-function.png", dpi=72)
     return rows
 
 
@@ -203,7 +202,7 @@ def error_against_rays(quick):
 
 
 def draw_errors(out, rows):
-    """Figure 9: error of G against rays. Figure 11: the same against run time."""
+    """Error of G against rays, and against run time."""
     rays, ax_rays = plt.subplots(figsize=(5, 3.4))
     clock, ax_clock = plt.subplots(figsize=(5, 3.4))
     for sampling, colour, law in (("uniform", "C0", 101.0), ("stratified", "C1", 4.83)):
@@ -217,13 +216,13 @@ def draw_errors(out, rows):
         ax_clock.loglog(part[:, 1], part[:, 4], "s--", color=colour, label=f"{sampling}, S at 0.6", alpha=0.5)
     ax_rays.set(xlabel="rays", ylabel="relative error of G")
     ax_clock.set(xlabel="CPU seconds, one thread", ylabel="error")
-    for figure, panel, number in ((rays, ax_rays, 9), (clock, ax_clock, 11)):
+    for figure, panel, name in ((rays, ax_rays, "rays"), (clock, ax_clock, "time")):
         panel.legend(fontsize=6)
-        save(figure, out / f"figure-{number}.png", dpi=72)
+        save(figure, out / f"error-{name}.png", dpi=72)
 
 
 def draw_realizations(out, quick):
-    """Figure 10: error of S against the number of sampled fields; returns error times its square root."""
+    """Error of S against the number of sampled fields; returns error times its square root."""
     G = TRANSVERSE.physical_optics()
     sizes = np.array([16, 32, 64] if quick else [16, 32, 64, 128]) ** 2
     seeds = range(4 if quick else 16)
@@ -250,7 +249,7 @@ def draw_realizations(out, quick):
         rows.append((sigma, theory, *constants))
     panel.set(xlabel="realizations", ylabel="rms error of S/S(0)")
     panel.legend(fontsize=7)
-    save(figure, out / "figure-10.png", dpi=72)
+    save(figure, out / "error-realizations.png", dpi=72)
     return rows
 
 
@@ -265,7 +264,7 @@ def table(head, rows):
 
 
 def main(out: Path, quick: bool) -> None:
-    """Draw figures 2 to 11 into ``out`` and print the tables; ``quick`` takes fewer rays and fields."""
+    """Draw all figures into ``out`` and print the tables; ``quick`` takes fewer rays and fields."""
     out.mkdir(parents=True, exist_ok=True)
     draw_source(out, quick)
     draw_greens_function(out, quick)

@@ -134,6 +134,12 @@ def test_near_field_line_is_that_of_the_wave_equation(wave_solver, cylinders):
     np.testing.assert_allclose(ours.sum(axis=0), truth.sum(axis=0), rtol=0.05)
     error = np.hypot(intensity_error(found).T, wave_solver["near_I_var_se"])
     assert_z(ours, truth, error, degrees=15, slack=0.05 * truth)
+    # The ridge between two lights: as correlated as far views are, where the waves have it, and not one point beside.
+    for j, least in enumerate((0.995, 0.995, 0.980, 0.925)):
+        ours, truth = found.value[0, :, j], wave_solver["near_C"][..., j]
+        power = np.square(np.abs(ours)).sum() - np.square(found.standard_error[0, :, j]).sum()
+        norm = np.sqrt(power * np.square(np.abs(truth)).sum())
+        assert abs(np.vdot(truth, ours)) / norm >= least > abs(np.vdot(np.roll(truth, 1, axis=1), ours)) / norm
 
 
 def test_cube_is_that_of_the_reference():
