@@ -110,7 +110,7 @@ def waves():
 
 
 def judged(waves, law, noise=0.0):
-    """Assert that waves and a law agree, the difference known within 0.01; more placements: docs/motion.md."""
+    """Assert that waves and a law agree, the difference known within 0.01; more placements: docs/notes/motion.md."""
     found, error = waves
     assert np.hypot(error, noise).max() < 0.01
     assert_z(found, law, np.hypot(error, noise), degrees=31)

@@ -123,7 +123,7 @@ def test_motion_is_learned_by_the_command_and_judged_beside_the_closed_inversion
 
 @pytest.mark.slow
 def test_media_never_seen_are_told_within_a_twentieth_of_their_variance(tmp_path):
-    """Five processor minutes: stores, training and judging as docs/motion.md has them; R^2 of log10 tau0 was .961."""
+    """Five CPU minutes: train and judge as in docs/notes/motion.md; R^2 of log10 tau0 was 0.961."""
     for split, samples in (("train", 1024), ("validation", 128)):
         run("generate", "lsci-slab", "--split", split, "--samples", samples, "--out", tmp_path / f"{split}.zarr")
     stores = tmp_path / "train.zarr", "--validation", tmp_path / "validation.zarr"
