@@ -33,6 +33,7 @@ from specklegen.models.likelihood.periodogram import Periodogram
 from specklegen.models.metrics import align, pearson
 from specklegen.models.retrieval import wiener
 from specklegen.models.retrieval.autocorrelation import MemoryEffect, at_distances, distances
+from specklegen.models.retrieval.edges import shares_of
 from specklegen.models.retrieval.phase_retrieval import Retrieval, retrieve
 
 ANY_OBJECT = "any-object"
@@ -48,11 +49,14 @@ EVIDENCE = (
     "agreement with the most probable answer", "best agreement with an answer", "mean agreement with the answers",
     "filled share", "blur", "logarithm of the looks", "logarithm of the grain in object pixels",
     "noise of a lag (logarithm / 5 + 1.5)", "half the logarithm of the looks", "C_I over 14 object pixels",
-    "C_I over 27 object pixels",
+    "C_I over 27 object pixels", "square of the filled share", "filled share times blur",
+    "blur times agreement with the stage before",
 )  # fmt: skip
 """What the numbers of :func:`evidence_of` are."""
-THIRD = "skewness without the object"
+THIRD = ("skewness without the object", "its square", "its product with the noise of a lag")
 """What is added of the camera images themselves (:mod:`specklegen.models.likelihood.third_order`)."""
+PATCH = (0.12, 0.3)
+"""Filled share above, and blur below, which no confidence is stated (docs/networks.md)."""
 
 
 class Solution(NamedTuple):
@@ -69,8 +73,8 @@ class Solution(NamedTuple):
     log_likelihood : float32[B]
         Of the settled image, less that of a spectrum equal to the periodogram.
     probability : float32[B]
-        Confidence: that the image's correlation with the true object, on the frame of n pixels, exceeds 0.8. NaN where
-        it is not calibrated for what was measured, as under a taper.
+        Confidence: that the image's correlation with the true object, on the object's 28 x 28 pixels, exceeds 0.8. NaN
+        where it is not calibrated for what was measured (:func:`silenced`).
     evidence : float32[B, e]
         What the certificate was read from; see :func:`evidence_of`.
     points : int64[B]
@@ -173,7 +177,8 @@ class Solver:
                 if few is not None:
                     image[place], count[place] = few.image, few.points
                     probability[place] = self.points(few.evidence)
-        probability = torch.where(likelihood.taper > 0, float("nan"), probability)  # not calibrated
+        spoken = torch.tensor([not reason for reason in silenced(evidence, likelihood.taper)])
+        probability = torch.where(spoken, probability, float("nan"))
         (near,), (least_deviance,) = (x.unbind(1) for x in settled(image[:, None], deviance))
         log = -seen.looks * likelihood.frequencies * least_deviance
         return Solution(centred(image), centred(near), least_deviance, log, probability, evidence, count)
@@ -287,7 +292,7 @@ class Solver:
             points, third = (
                 None if stated.get(name) is None else Certificate.of(stated[name]) for name in ("points", "third")
             )
-            fits = stated["name"] == "unrolled"
+            fits = stated["name"] == "unrolled" and len(certificate.weights) == len(EVIDENCE)
             fits &= {key: value.shape for key, value in promised.items()} == {k: w.shape for k, w in weights.items()}
         except (KeyError, TypeError, ValueError, RuntimeError):
             fits = False
@@ -400,16 +405,38 @@ def evidence_of(
         answers = torch.stack([agreed(each) for each in (*led.unbind(1), *alone.unbind(1))], dim=1)
         filled = last.mean((-2, -1)) / last.amax((-2, -1)).clamp_min(1e-6)
         sharpness = (last * (1 - last)).sum((-2, -1)) / last.sum((-2, -1)).clamp_min(1e-6)
-        least = begun.deviances.amin(1)
+        least, before = begun.deviances.amin(1), agreed(made[-2])
         return torch.stack(
             [
                 own - expected_deviance(likelihood.looks), deviance(last[:, None])[:, 0] - own, least - own,
                 begun.deviances[:, 0] - least, (held_out[0] + held_out[1]) / 2, pearson(near, last),
-                agreed(made[0]), agreed(made[-2]), agreed(starts[0]), agreed(starts[1]),
+                agreed(made[0]), before, agreed(starts[0]), agreed(starts[1]),
                 pearson(align(starts[0], starts[1]), starts[1]), answers[:, 0], answers.amax(1), answers.mean(1),
                 filled, sharpness, torch.full_like(own, float(np.log(likelihood.looks))), *begun.scalars.unbind(1),
+                filled.square(), filled * sharpness, sharpness * before,
             ], dim=1,
         )  # fmt: skip
+
+
+def with_third(evidence: Tensor, skewness: Tensor) -> Tensor:
+    """Evidence float[B, e] with :data:`THIRD`, float[B, e + 3], of skewness float[B]."""
+    skewness = skewness.to(evidence)
+    noise = evidence[:, EVIDENCE.index("noise of a lag (logarithm / 5 + 1.5)")]
+    return torch.cat([evidence, torch.stack([skewness, skewness.square(), noise * skewness], dim=1)], dim=1)
+
+
+def silenced(evidence: Tensor, taper: Tensor | float) -> list[str]:
+    """Why no confidence is stated for images of some evidence and taper; empty where one may be."""
+    reasons = []
+    filled, blur = (evidence[:, EVIDENCE.index(name)].tolist() for name in ("filled share", "blur"))
+    for n, share in enumerate(shares_of(taper, len(evidence))):
+        patch = filled[n] > PATCH[0] and blur[n] < PATCH[1]
+        reasons.append(
+            f"the light falls off, and a taper covers {share:.2g} of each side: the fit knows even light alone" if share
+            else f"the object fills {filled[n]:.2f} of the frame with hardly an edge (blur {blur[n]:.2f}): whether "
+            "fine detail is missing cannot be told" if patch else ""
+        )  # fmt: skip
+    return reasons
 
 
 def load_solver() -> Solver:

@@ -28,7 +28,17 @@ from specklegen.measured.measurement import Measurement
 from specklegen.models.learning.measurement import memory_effect_of, seen_by_camera
 from specklegen.models.learning.posterior import Posterior
 from specklegen.models.learning.range_fit import RangeFit, fit_range, scaled
-from specklegen.models.learning.solver import EVIDENCE, EXTENT, THIRD, MemoryEffect, Solution, Solver, load_solver
+from specklegen.models.learning.solver import (
+    EVIDENCE,
+    EXTENT,
+    THIRD,
+    MemoryEffect,
+    Solution,
+    Solver,
+    load_solver,
+    silenced,
+    with_third,
+)  # fmt: skip
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood, expected_deviance
 from specklegen.models.likelihood.periodogram import Periodogram
 from specklegen.models.likelihood.third_order import CLAIMED, third_moments
@@ -37,7 +47,6 @@ from specklegen.models.recoverability.autocorrelation_error import Conditions
 from specklegen.models.recoverability.speckle_test import SpeckleTest, speckle_test
 from specklegen.models.recoverability.verdict import Reason, conditions_of, judge
 from specklegen.models.retrieval.autocorrelation import at_distances
-from specklegen.models.retrieval.edges import shares_of
 from specklegen.models.retrieval.measured_memory_effect import measured_memory_effect
 
 _DRAWN = 15
@@ -149,9 +158,9 @@ class Finding(Pictured):
     deviance, expected : float
         Of the image, and what that of the true object is expected to be.
     probability : float or None
-        Confidence: that the correlation with the true object exceeds 0.8, on a frame of n x n pixels. None where the
-        image is no speckle of the setup, unlike all that the confidence was fitted to, or seen under a taper since its
-        light falls off; the reasons say which.
+        Confidence: that the correlation with the true object exceeds 0.8, on the object's 28 x 28 pixels, as the pages
+        score it. None where the image is no speckle of the setup, unlike all that the confidence was fitted to, seen
+        under a taper since its light falls off, or a patch of light without edges; the reasons say which.
     reasons : tuple of Reason
         What stands in the way, and what would help: where that is less likely than not, where nothing that was found
         explains the image, where it is no speckle of the setup, and where the certificate is silent.
@@ -207,7 +216,7 @@ class Findings(Pictured):
         shown = self.each[:SHOWN]
         images = np.stack([each.image for each in shown])
         draw_images(axes, images, [
-            "no speckle" if each.probability is None else f"p = {each.probability:.2f}" for each in shown
+            "no confidence" if each.probability is None else f"p = {each.probability:.2f}" for each in shown
         ], high=1.0)  # fmt: skip
 
 
@@ -217,7 +226,7 @@ def reconstruct(
     memory_effect: MeasuredCurve | None = None, fit: bool | None = None, solver: Solver | None = None,
     draws: int = 0, seed: Seed = 0,
 ) -> Findings:  # fmt: skip
-    """Reconstruct objects from camera images, with a certificate for each.
+    """Reconstruct objects from camera images, with a confidence for each.
 
     Parameters
     ----------
@@ -293,7 +302,8 @@ def reconstruct(
     drawn = solver.posterior(seen, own.optics, memory, draws=draws, seed=seed, solved=solution) if draws else None
     each = tuple(
         Finding(
-            _upright(solution.image[n], turned[n]).numpy(), float(solution.deviance[n]), expected_deviance(seen.looks),
+            _upright(solution.image[n], turned[n]).numpy(), float(solution.deviance[n]),
+            expected_deviance(seen.looks),
             float(solution.probability[n]) if tests[n].passes and not silent[n] else None,
             _reasons(solution, n, seen, own, memory[n], camera, images.shape[1], tests[n], silent[n]), tests[n],
             probabilities[n],
@@ -319,20 +329,16 @@ def _third(
 def _certified(solution: Solution, third: Tensor, solver: Solver, seen: Periodogram) -> tuple[Solution, list[str]]:
     """Solution with the probabilities that the third order adds to, and why there is none; empty where there is one."""
     certificate, evidence, names = solver.certificate, solution.evidence, EVIDENCE
-    shares = shares_of(seen.taper, len(third))
+    silent = silenced(evidence, seen.taper)
     if solver.third is not None:
-        certificate, names = solver.third, (*EVIDENCE, THIRD)
-        evidence = torch.cat([evidence, third[:, 1:].to(evidence)], dim=1)
-        kept = (solution.points > 0) | (torch.tensor(shares) > 0)
+        certificate, names = solver.third, (*EVIDENCE, *THIRD)
+        evidence = with_third(evidence, third[:, 1])
+        kept = (solution.points > 0) | torch.tensor([bool(reason) for reason in silent])
         probability = torch.where(kept, solution.probability, certificate(evidence))
         solution = solution._replace(probability=probability)
-    silent = [""] * len(third)
     for n in torch.nonzero(solution.probability.isnan()).flatten().tolist():
-        if shares[n]:
-            silent[n] = f"the light falls off, and a taper covers {shares[n]:.2g} of each side: not calibrated there"
-            continue
         far = [] if solution.points[n] else torch.nonzero(certificate.unlike(evidence[n])).flatten().tolist()
-        silent[n] = "; ".join(
+        silent[n] = silent[n] or "; ".join(
             _beyond(names[k], float(evidence[n, k]), float(certificate.low[k]), float(certificate.high[k])) for k in far
         ) or "points unlike all that it was fitted to"
     return solution, silent

@@ -1,24 +1,13 @@
-"""Images that judge the solver's certificates: shapes of our own, and images that waves draw.
-
-Waves go slice by slice (``specklegen.oracles.multi_slice``) and know nothing of this package's samplers: every object
-pixel is a plane wave of its own through the same screens, a square window lies behind them, and intensities add.
-"""
+"""Shapes of our own, of which images judge the solver's confidence."""
 
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw
-from scipy.ndimage import gaussian_filter
 
-import specklegen as sg
-from specklegen.models import Optics, measured_memory_effect
 from specklegen.models.learning.solver import EXTENT
-from specklegen.models.retrieval.autocorrelation import MemoryEffect
-from specklegen.oracles.multi_slice import multi_slice, slice_views
 
 SHAPES_SEED, POSES, FINE = 11, 8, 8
-SIZE, SIDE, CAMERA = 384, 16, 96  # of the waves' grid, of objects, and of the camera: bins of the grid's transform
-WAVES = Optics(step=1.0, grain=2.0)
 
 
 def shapes() -> dict[str, list[np.ndarray]]:
@@ -59,38 +48,3 @@ def draw_shapes(folder: Path, side: int = EXTENT) -> None:
                 points = [(float(x), float(y)) for x, y in loop @ turn.T + side * FINE / 2]
                 ImageDraw.Draw(picture).polygon(points, fill=0 if n else 255)
             picture.reduce(FINE).save(folder / f"{name}-{pose}.png")
-
-
-def memory_of_waves(slab: sg.Slab, seed: int) -> MemoryEffect:
-    """C_I of waves over object pixels, made positive definite."""
-    bins = np.arange(SIDE)
-    curve = multi_slice(
-        slab, wavelength=1.0, pitch=0.5, size=SIZE, bins=bins.tolist(), realizations=2, seed=seed, reach=0.25
-    )  # fmt: skip
-    c_i = curve.on_axis.mean(0) / curve.on_axis.mean(0)[0]
-    return measured_memory_effect(bins, np.minimum.accumulate(c_i))
-
-
-def wave_patterns(slab: sg.Slab, seed: int) -> np.ndarray:
-    """What the camera sees of every object pixel behind a slab, float32[SIDE^2, CAMERA, CAMERA]."""
-    places = np.arange(SIDE) - SIDE // 2
-    tilts = [(int(x), int(y)) for y in places for x in places]
-    window = np.zeros((SIZE, SIZE), bool)
-    window[SIZE // 4 : 3 * SIZE // 4, SIZE // 4 : 3 * SIZE // 4] = True
-    some = np.arange(-CAMERA // 2, CAMERA // 2)
-    (fields,) = slice_views(slab, wavelength=1.0, pitch=0.5, size=SIZE, bins=tilts, realizations=1, seed=seed)
-    patterns = np.empty((len(tilts), CAMERA, CAMERA), np.float32)
-    for n, ((x, y), field) in enumerate(zip(tilts, fields, strict=True)):
-        field[y, x] = 0  # light that was not scattered
-        inside = np.fft.fft2(np.fft.ifft2(field) * window)
-        patterns[n] = np.square(np.abs(inside[some][:, some]))
-    return patterns
-
-
-def images_of_waves(patterns: np.ndarray, objects: np.ndarray) -> np.ndarray:
-    """Images float64[N, CAMERA, CAMERA] of objects float[N, SIDE, SIDE] through one medium, over their envelope.
-
-    A pixel's light goes along its tilt: the camera would show objects upright, samples of a recipe are turned.
-    """
-    images = np.tensordot(objects.reshape(len(objects), -1)[:, ::-1].astype(np.float64), patterns, axes=1)
-    return images / gaussian_filter(images.mean(0), 16, mode="nearest")

@@ -49,9 +49,9 @@ class Drawn(NamedTuple):
     extent: float
 
 
-def drawn_slab(number: int) -> Drawn:
+def drawn_slab(number: int, seed: int = SEED) -> Drawn:
     """One of the slabs; its thickness follows from the range, which goes with its inverse."""
-    rng = np.random.default_rng([SEED, 4, number])
+    rng = np.random.default_rng([seed, 4, number])
     depth, transport = rng.uniform(*DEPTHS), rng.uniform(*TRANSPORT)
     low, high = np.log(EXTENTS)
     extent = float(np.exp(low + (high - low) * (number + rng.random()) / SLABS))
@@ -66,12 +66,17 @@ def slab(thickness: float, depth: float, concentration: float) -> sg.Slab:
     return sg.Slab(thickness=thickness, mean_free_path=thickness / depth, scatterer=scatterer)
 
 
-def envelope(medium: sg.Slab) -> np.ndarray:
-    """Mean intensity of the camera's pixels for light straight ahead, over their mean: float64[CAMERA, CAMERA]."""
+def mean_light(medium: sg.Slab) -> np.ndarray:
+    """Mean intensity of all bins for light straight ahead, float64[size, size]; of other light it is moved."""
     coherence = slice_coherence(medium, **GRID)
     away = np.abs(np.fft.fftfreq(GRID["size"], 1 / GRID["size"]))
     overlap = np.clip(WINDOW - away, 0, None)
-    mean = np.asarray(fft2(coherence * overlap * overlap[:, None])).real[np.ix_(_views(), _views())]
+    return np.asarray(fft2(coherence * overlap * overlap[:, None])).real
+
+
+def envelope(medium: sg.Slab) -> np.ndarray:
+    """Mean intensity of the camera's pixels for light straight ahead, over their mean: float64[CAMERA, CAMERA]."""
+    mean = mean_light(medium)[np.ix_(_views(), _views())]
     return mean / mean.mean()
 
 

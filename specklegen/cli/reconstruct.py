@@ -95,7 +95,7 @@ def reconstruct(
     for name, each in zip(names, found.each, strict=True):
         confidence = (
             "no confidence, for the reason below" if each.probability is None
-            else f"confidence {each.probability:.2f} that r > 0.8 on {' x '.join(map(str, each.image.shape))} pixels"
+            else f"confidence {each.probability:.2f} that r > 0.8 on the object's 28 x 28 pixels"
         )  # fmt: skip
         turn = "turn by 180 degrees not told" if each.turn is None else f"right way up with probability {each.turn:.2f}"
         deviance = f"deviance {each.deviance:.3f}, of the true object {each.expected:.3f}"

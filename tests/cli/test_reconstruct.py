@@ -50,7 +50,7 @@ def test_frames_in_three_formats(setup, tmp_path):
     images = [setup / name for name in ("one.tiff", "two.png", "three.npy")]
     result = run("reconstruct", *images, "--setup", setup / "setup.toml", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
-    assert "that r > 0.8 on 36 x 36 pixels" in result.output
+    assert "that r > 0.8 on the object's 28 x 28 pixels" in result.output
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert [each["name"] for each in report["images"]] == ["one", "two", "three"]
     assert report["fit"] is None  # the setup states its slab

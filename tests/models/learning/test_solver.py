@@ -23,7 +23,7 @@ from specklegen.models.likelihood.periodogram import Periodogram
 from specklegen.models.metrics import align, pearson
 
 SIDE, GRAIN, STEP = 28, 3.0, 1.2
-EVIDENCE = 22
+EVIDENCE = 25
 BLIND = Certificate((0.0,) * EVIDENCE, (0.0,) * EVIDENCE, (1.0,) * EVIDENCE, 0.0)
 
 

@@ -7,7 +7,7 @@ from refusals import assert_refused
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
-from specklegen.models.learning.solver import load_solver
+from specklegen.models.learning.solver import EVIDENCE, load_solver, silenced, with_third
 from specklegen.models.likelihood.likelihood import SpeckleLikelihood
 from specklegen.models.likelihood.periodogram import periodogram
 from specklegen.models.metrics import alignment
@@ -95,12 +95,13 @@ def test_an_image_that_is_turned_shows_the_object_turned():
 def test_no_probability_where_it_is_not_calibrated():
     """With ends of the evidence that leave the image out: no number, a reason that says which, no turn, no crash."""
     recipe, solver = load_recipe("one-angular-size", SLAB), load_solver()
-    images = torch.from_numpy(recipe.batch(4, "test", range(2))["image"])[:, None]
+    images = torch.from_numpy(recipe.batch(4, "test", range(1, 3))["image"])[:, None]
     certificate = solver.third
     assert certificate is not None
     assert all(one.probability is not None for one in reconstruct(images, recipe, solver=solver).each)
-    last = len(certificate.low) - 1
-    solver.third = certificate._replace(low=(*certificate.low[:last], 50.0), high=(*certificate.high[:last], 60.0))
+    last = len(EVIDENCE)  # the skewness
+    solver.third = certificate._replace(low=(*certificate.low[:last], 50.0, *certificate.low[last + 1 :]),
+                                        high=(*certificate.high[:last], 60.0, *certificate.high[last + 1 :]))
     for one in reconstruct(images, recipe, solver=solver).each:
         assert one.probability is None
         assert one.turn is None
@@ -123,3 +124,23 @@ def test_no_probability_under_a_taper():
     assert found.probability is None
     assert found.reasons[0].name == "No confidence"
     assert found.reasons[0].numbers.startswith("the light falls off")
+
+
+def test_why_there_is_no_probability_is_said_in_words():
+    """Of even light and an object with edges nothing stands in the way; a taper and a patch of light do."""
+    evidence = torch.zeros(3, len(EVIDENCE))
+    evidence[:, EVIDENCE.index("filled share")] = torch.tensor([0.08, 0.08, 0.2])
+    evidence[:, EVIDENCE.index("blur")] = torch.tensor([0.4, 0.4, 0.25])
+    even, falling, patch = silenced(evidence, torch.tensor([0.0, 0.25, 0.0]))
+    assert not even
+    assert falling.startswith("the light falls off, and a taper covers 0.25 of each side")
+    assert patch.startswith("the object fills 0.20 of the frame with hardly an edge (blur 0.25)")
+
+
+def test_third_order_is_read_beside_the_noise():
+    evidence = torch.rand(2, len(EVIDENCE))
+    whole = with_third(evidence, torch.tensor([0.5, -2.0]))
+    assert torch.equal(whole[:, : len(EVIDENCE)], evidence)
+    noise = evidence[:, EVIDENCE.index("noise of a lag (logarithm / 5 + 1.5)")]
+    assert torch.allclose(whole[:, len(EVIDENCE) :], torch.stack([torch.tensor([0.5, -2.0]), torch.tensor([0.25, 4.0]),
+                                                                  noise * torch.tensor([0.5, -2.0])], dim=1))
