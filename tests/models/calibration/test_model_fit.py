@@ -94,6 +94,16 @@ def test_layers_with_steps_of_the_index_are_fitted_and_one_per_cent_is_caught():
     assert set(wrong.interval(force=True)) == {"g"}
 
 
+def test_a_slab_with_a_step_of_the_index_is_no_slab_of_the_tables():
+    """The tables fit it by g = -0.36 for 0.9; chi squared tells, and no interval is given."""
+    true, tilts, rng = walled(100.0, 0.9), np.linspace(1e-4, 8e-4, 8), np.random.default_rng(1)
+    found = sg.fit_material(curve_of(true, rng, 0.01, tilts), wavelength=WAVELENGTH, known={"thickness": 1000.0},
+                free=("mean_free_path", "g"))  # fmt: skip
+    assert found.values["g"] < 0
+    assert found.hopeless
+    assert_refused(found.interval, "MaterialFit.interval .*fit another model")
+
+
 @pytest.mark.slow
 def test_several_thicknesses_and_wavelengths_share_numbers():
     """Five seeds: g of two layers from curves of two thicknesses at two wavelengths; the sum of z squared."""
