@@ -57,7 +57,7 @@ PHOTOGRAPHS = {
     "window": {"profile": "disc"},
     "camera": {"shape": [256, 256]},
 }
-"""Cut-outs of photographs on a camera large enough for them, as ``specklegen recoverable`` says."""
+"""Cut-outs of photographs on a camera large enough for them, as ``specklegen check recoverable`` says."""
 
 
 def step(title: str) -> None:

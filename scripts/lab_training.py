@@ -163,7 +163,7 @@ def main() -> None:
     asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     asked.add_argument("--out", type=Path, default=Path("runs/lab"))
     asked.add_argument("--table", type=Path)
-    asked.add_argument("--frames", type=Path, help="clone that `specklegen measured get hidden-shapes` makes")
+    asked.add_argument("--frames", type=Path, help="clone that `specklegen check measured get hidden-shapes` makes")
     asked.add_argument("--samples", type=int, default=24576)
     asked.add_argument("--epochs", type=int, default=30)
     asked.add_argument("--seconds", type=float, help="by the clock, of each network: shortens the training")

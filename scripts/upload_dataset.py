@@ -1,6 +1,6 @@
-"""Upload a data set to a hub: what `specklegen export --format parquet` wrote (only with `--really`).
+"""Upload a data set to a hub: what `specklegen store export --format parquet` wrote (only with `--really`).
 
-    specklegen export data/train.zarr --format parquet --out out
+    specklegen store export data/train.zarr --format parquet --out out
     python scripts/upload_dataset.py out you/your-speckle --licence cc-by-4.0
     python scripts/upload_dataset.py out you/your-speckle --licence cc-by-4.0 --really
 
@@ -45,7 +45,8 @@ def findings(folder: Path) -> list[str]:
     """What keeps a folder from being sent, a line each."""
     missing = [name for name in (CARD, METADATA) if not (folder / name).is_file()]
     if missing:
-        return [f"{folder} must hold {name}: write it with `specklegen export --format parquet`" for name in missing]
+        return [f"{folder} must hold {name}: write it with `specklegen store export --format parquet`"
+                for name in missing]
     wrong = []
     if not (folder / CARD).read_text(encoding="utf-8").startswith("---\n"):
         wrong.append(f"{CARD} must begin with front matter")
@@ -84,7 +85,7 @@ def send(folder: Path, repository: str, licence: str) -> None:
     contents: dict[str, bytes | str] = {name: str(folder / name) for name in sending(folder)}
     contents[CARD] = card.encode()
     adds = [CommitOperationAdd(path_in_repo=name, path_or_fileobj=content) for name, content in contents.items()]
-    api.create_commit(repository, adds, commit_message="specklegen export", repo_type="dataset")
+    api.create_commit(repository, adds, commit_message="specklegen store export", repo_type="dataset")
 
 
 if __name__ == "__main__":

@@ -62,7 +62,7 @@ OPTIONS: dict[str, tuple[list[list[str]], list[str], dict[str, list[str]]]] = {
     "recipes": ([["show", "schema", "show", "schema", "x", "--json"], RECIPES], [], {"--set": SETS}),
     "plan": ([RECIPES], ["--samples", "2", *SMALL_SET],
              {"--samples": WHOLE, "--set": SETS, "--images": FILES, "--json": []}),
-    "render": ([], ["--views", "8", "--paths", "64", "--tilts", "2"], {
+    "physics render": ([], ["--views", "8", "--paths", "64", "--tilts", "2"], {
         "--wavelength": REAL, "--thickness": REAL, "--optical-depth": REAL, "--g": REAL, "--albedo": REAL,
         "--width": REAL,
         "--tilts": WHOLE, "--step": REAL, "--views": WHOLE, "--pitch": REAL, "--paths": WHOLE, "--rel-error": REAL,
@@ -76,9 +76,9 @@ OPTIONS: dict[str, tuple[list[list[str]], list[str], dict[str, list[str]]]] = {
         "--shard-range": WORDS, "--out": FILES}),
     "preview": ([RECIPES], ["--samples", "1", *SMALL_SET], {
         "--samples": WHOLE, "--split": WORDS, "--seed": WHOLE, "--set": SETS, "--images": FILES, "--out": FILES}),
-    "info": ([STORES], [], {}),
-    "verify": ([STORES], [], {"--repair": [*NAMES, *FILES], "--set": SETS, "--images": FILES, "--json": []}),
-    "export": ([STORES], ["--out", "exported"], {"--out": FILES, "--format": WORDS, "--samples": WHOLE}),
+    "store info": ([STORES], [], {}),
+    "store verify": ([STORES], [], {"--repair": [*NAMES, *FILES], "--set": SETS, "--images": FILES, "--json": []}),
+    "store export": ([STORES], ["--out", "exported"], {"--out": FILES, "--format": WORDS, "--samples": WHOLE}),
     "train": ([RECIPES], ["--out", "run", "--epochs", "1", "--seconds", "0.1", "--validation-samples", "2",
     "--width", "1",
                                    "--batch-size", "2", *SMALL_SET, "--set", "samples.train=2"], {
@@ -88,10 +88,10 @@ OPTIONS: dict[str, tuple[list[list[str]], list[str], dict[str, list[str]]]] = {
     "evaluate": ([MODELS], ["--samples", "2", "--no-katz", "--recipe", "unknown-slab", *SMALL_SET], {
         "--recipe": [*NAMES, *FILES], "--split": WORDS, "--samples": WHOLE, "--restarts": WHOLE, "--out": FILES,
         "--seed": WHOLE, "--set": SETS}),
-    "recoverable": ([RECIPES], ["--media", "1", *SMALL_SET], {
+    "check recoverable": ([RECIPES], ["--media", "1", *SMALL_SET], {
         "--beam": REAL, "--removal": REAL, "--media": WHOLE, "--seed": WHOLE, "--set": SETS, "--images": FILES,
         "--json": []}),
-    "compare": ([RECIPES], ["--seconds", "0.01"], {
+    "check compare": ([RECIPES], ["--seconds", "0.01"], {
         "--seconds": REAL, "--seed": WHOLE, "--set": SETS, "--csv": FILES, "--out": FILES}),
 }  # fmt: skip
 
@@ -102,7 +102,7 @@ def command_lines(seed: int, count: int) -> Iterator[list[str]]:
         rng = random.Random(f"{seed} {n}")
         name = rng.choice(list(OPTIONS))
         pools, short, options = OPTIONS[name]
-        line = [name, *(rng.choice(pool) for pool in pools if rng.random() < 0.97), *short]
+        line = [*name.split(), *(rng.choice(pool) for pool in pools if rng.random() < 0.97), *short]
         for flag in rng.choices(list(options), k=rng.choice([0, 1, 1, 2])) if options else []:
             line += [flag, rng.choice(options[flag])] if options[flag] else [flag]
         yield line

@@ -189,7 +189,7 @@ def test_the_command_line_generates_and_verifies(folder, tmp_path):
     said = succeed("generate", folder / "hoops.toml", "--out", store, "--samples", 4)
     assert "4 of 4 samples" in said
     assert f"runs code: it imports {folder}/specklegen_own:Hoops" in said
-    assert "4 sound" in succeed("verify", store)
+    assert "4 sound" in succeed("store", "verify", store)
     succeed("plan", folder / "hoops.toml", "--samples", 4)
     shown = tomllib.loads(succeed("recipes", "show", folder / "hoops.toml"))
     assert shown["objects"]["type"] == f"{folder}/specklegen_own:Hoops"
@@ -225,7 +225,7 @@ def test_files_from_outside_run_nothing_unless_trusted(tmp_path, monkeypatch):
         assert_refused(act, words)
     recipe, scene_file = outside / "hoops.toml", outside / "scene.toml"
     for command in (("generate", recipe, "--out", "a.zarr"), ("recipes", "show", recipe),
-                    ("render", "--scene", scene_file), ("compare", scene_file)):  # fmt: skip
+                    ("physics", "render", "--scene", scene_file), ("check", "compare", scene_file)):  # fmt: skip
         refused = run(*command)
         assert "not trusted" in str(refused.exception), command
         assert "runs code" not in refused.output
@@ -352,7 +352,7 @@ def test_a_sensor_in_toml_is_rendered_by_the_command_line(own, folder, tmp_path)
     table = scene(own.Circle(sine=0.01)).to_toml()
     assert sg.Scene.from_toml(table) == scene(own.Circle(sine=0.01))
     (folder / "ring.toml").write_text(table.replace('type = "Circle"', 'type = "specklegen_own:Circle"'))
-    succeed("render", "--scene", folder / "ring.toml", "--paths", 500, "--out", tmp_path)
+    succeed("physics", "render", "--scene", folder / "ring.toml", "--paths", 500, "--out", tmp_path)
     assert np.load(tmp_path / "stack.npz")["field"].shape == (1, 16)
 
 

@@ -102,7 +102,7 @@ def tell_of_other_libraries(store: Store, recipe: Renderable | None = None) -> N
         warn_user(
             f"{store.folder} was begun with other libraries: {', '.join(changed)}. New samples may differ from what "
             "those would have given in their last bits, no more: pixels agree to about 1e-6 of an image's mean. For "
-            "the same bits install the versions that `specklegen info` names.",
+            "the same bits install the versions that `specklegen store info` names.",
         )  # fmt: skip
 
 

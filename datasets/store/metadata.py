@@ -31,7 +31,7 @@ COLUMNS = ("parameters", "index", "seed", "seal")
 MOST_SAMPLES, MOST_SHARDS = 10**9, 10**6
 """The ledger of so many samples takes 1 GB, and opening it a file for each of so many shards: a minute."""
 
-_REMEDY = "`specklegen verify --repair RECIPE` writes it again from the recipe; the samples stay."
+_REMEDY = "`specklegen store verify --repair RECIPE` writes it again from the recipe; the samples stay."
 
 
 @dataclass(frozen=True)

@@ -147,8 +147,8 @@ def benchmark(
         that does not answer (an error, something else than an image, too long, too large) is scored as an image of
         nothing, and named in ``failures``.
     measured
-        Folder of the clone that ``specklegen measured get hidden-shapes`` makes. By default there is none, and the task
-        of measured frames is skipped, which the tables say.
+        Folder of the clone that ``specklegen check measured get hidden-shapes`` makes. By default there is none, and
+        the task of measured frames is skipped, which the tables say.
 
     Raises
     ------
@@ -174,12 +174,13 @@ def benchmark(
     there = [] if measured is None or frames.missing(measured) else fetched
     if measured is not None and not there:
         reject("benchmark measured", f"a folder of {frames.SET}", str(measured),
-               f"`specklegen measured get {frames.SET}` fetches it.")  # fmt: skip
+               f"`specklegen check measured get {frames.SET}` fetches it.")  # fmt: skip
     chosen = [task(name) for name in tasks] if tasks is not None else complete_run() + there
     for each in chosen:
         if each in fetched and not there:
             reject("benchmark tasks", "those whose files are there", each.name,
-                   f"`specklegen measured get {frames.SET}` fetches them; name the folder by measured.")  # fmt: skip
+                   f"`specklegen check measured get {frames.SET}` fetches them; name the folder by measured.",
+                   )  # fmt: skip
     names = [each.name for each in chosen]
     if not names or len(set(names)) < len(names):
         reject("benchmark tasks", "at least one, each once", names)

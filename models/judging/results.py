@@ -212,8 +212,8 @@ class Results(Pictured):
         if not self.skipped:
             return []
         names = ", ".join(self.skipped)
-        return ["", f"Skipped, since their files were not named: {names}. `specklegen measured get hidden-shapes` "
-                    "fetches them, and `--measured hidden-shapes` says where they are."]  # fmt: skip
+        return ["", f"Skipped, since their files were not named: {names}. `specklegen check measured get "
+                    "hidden-shapes` fetches them, and `--measured hidden-shapes` says where they are."]  # fmt: skip
 
     def write(self, folder: Path) -> None:
         """Write results.md, results.csv, answers.npz, and an entry of each function.

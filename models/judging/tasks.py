@@ -121,7 +121,8 @@ class Task(NamedTuple):
         if self.kind == "frames":
             if measured is None or frames.missing(measured):
                 reject(f"benchmark task {self.name!r}", "asked where its files are", str(measured),
-                       f"`specklegen measured get {frames.SET}` fetches them; say where by --measured.")  # fmt: skip
+                       f"`specklegen check measured get {frames.SET}` fetches them; say where by --measured.",
+                       )  # fmt: skip
             yield frames.batch(numbers, measured, _setup(self.base, json.dumps(self.changes)))
         elif self.kind == "waves":
             yield waves.batch(numbers)
@@ -223,7 +224,7 @@ TASKS = (
     ),
     Task(
         "measured frames", "eight shapes behind four ground glasses, as a camera of another laboratory took them; "
-        "fetched by `specklegen measured get hidden-shapes`, no part of the mean",
+        "fetched by `specklegen check measured get hidden-shapes`, no part of the mean",
         "ground-glass", frames.CHANGES,
         "a0030391d3bbfad4eec990d9052bbec3110344eebe2455c5c74cee910ec6f8ae", frames.SAMPLES, kind="frames",
     ),

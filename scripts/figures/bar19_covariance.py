@@ -207,10 +207,10 @@ def _neighbours(c: np.ndarray) -> float:
 def draw_near_field(wave: dict, paths: int, path: Path) -> list[Row]:
     """Covariance between points of a line behind the box, light 0 against each: the ridge where they lie collinear."""
     theta, points = np.linspace(0, np.pi, 721), wave["near_pos"]
-    box_of = flatland_box(10.0, 10.0, sg.Tabulated(theta=theta, amplitude=CYLINDER.amplitude(theta)))
-    scene = flatland_scene(box_of, COARSE).replace(sensor=sg.NearField(points=points))
+    box_of = flatland_box(10.0, 10.0, sg.media.Tabulated(theta=theta, amplitude=CYLINDER.amplitude(theta)))
+    scene = flatland_scene(box_of, COARSE).replace(sensor=sg.sensors.NearField(points=points))
     with clock() as spent:
-        found = sg.covariance(scene, paths=paths, seed=3, reverse=True, threads=1)
+        found = sg.statistics.covariance(scene, paths=paths, seed=3, reverse=True, threads=1)
     x, (pitch, distance) = points[:, 0], (points[1, 0] - points[0, 0], points[0, 1])
     steps = np.round(np.subtract.outer(x, x).T / pitch).astype(int)
     figure, axes = plt.subplots(2, 4, figsize=(13, 6.5), layout="constrained", sharex=True, sharey=True)

@@ -1,4 +1,4 @@
-"""The command ``specklegen benchmark``: a reconstruction function on frozen tasks, beside baselines."""
+"""The command ``specklegen check benchmark``: a reconstruction function on frozen tasks, beside baselines."""
 
 import importlib
 import importlib.util
@@ -25,7 +25,7 @@ def benchmark(
     seconds: float = option(600.0, "Time that a function may take for 16 images.", min=1e-3),
     gibibytes: float = option(8.0, "Memory that a function may take.", min=1e-3),
     measured: Path | None = option(
-        None, "Clone of `specklegen measured get hidden-shapes`, for its task.", metavar="FOLDER",
+        None, "Clone of `specklegen check measured get hidden-shapes`, for its task.", metavar="FOLDER",
     ),
     table: Path | None = option(None, "Print the table of a folder of entries, and exit.", metavar="FOLDER"),
     listed: bool = option(False, "List the tasks and exit.", "--list"),

@@ -5,9 +5,10 @@ Thin: a command reads its arguments, calls one function of the library, and show
 
 from collections.abc import Callable
 from inspect import getdoc
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from specklegen import __version__
 from specklegen.cli import (
@@ -33,7 +34,17 @@ from specklegen.cli.failures import failures_told
 from specklegen.cli.settings import Generated, unmade
 from specklegen.core.registry import trusting_all
 
+
+class _RecipesFirst(TyperGroup):
+    """The commands in their order, `recipes` before them, groups behind."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of commands in the order of the help."""
+        return sorted(super().list_commands(ctx), key=lambda name: name != "recipes")
+
+
 app = typer.Typer(
+    cls=_RecipesFirst,
     help="Correlated speckle image stacks, and data sets for seeing through scattering media.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -64,36 +75,71 @@ def specklegen(
         context.with_resource(trusting_all())
 
 
-app.add_typer(recipes.recipes, name="recipes", epilog=epilog("recipes"))
-app.add_typer(measured.measured, name="measured", epilog=epilog("measured"))
 COMMANDS: dict[str, Callable[..., None]] = {
     "plan": recipes.plan,
-    "render": scenes.render,
-    "memory-effect": scenes.memory_effect_command,
-    "reflectance": scenes.reflectance,
-    "generate": stores.generate,
     "preview": stores.preview,
-    "info": stores.info,
-    "verify": stores.verify,
-    "export": stores.export,
+    "generate": stores.generate,
     "train": training.train,
     "evaluate": judging.evaluate,
-    "recoverable": recoverable.recoverable,
     "reconstruct": reconstruct.reconstruct,
     "retrieve": retrieve.retrieve,
-    "fit-camera": fit_camera.fit_camera,
-    "fit-material": fit_material.fit_material,
-    "fit-setup": fit_setup.fit_setup,
-    "twin": twin.twin,
-    "compare": compare.compare_command,
-    "benchmark": benchmark.benchmark,
+    "memory-effect": scenes.memory_effect_command,
     "explore": explore.explore,
+    "store info": stores.info,
+    "store verify": stores.verify,
+    "store export": stores.export,
+    "fit camera": fit_camera.fit_camera,
+    "fit material": fit_material.fit_material,
+    "fit setup": fit_setup.fit_setup,
+    "fit twin": twin.twin,
+    "check recoverable": recoverable.recoverable,
+    "check compare": compare.compare_command,
+    "check benchmark": benchmark.benchmark,
+    "physics render": scenes.render,
+    "physics reflectance": scenes.reflectance,
 }
-"""Every command by its name."""
-_CLASSES = {"fit-camera": fit_camera.ManyFiles}
+"""Every command by its name, that of its group first."""
+GROUPS = {
+    "store": "Describe, check and export stores.",
+    "fit": "Fit a camera, a material or a setup to measurements.",
+    "check": "Check whether an object can be reconstructed, compare samplers, score methods.",
+    "physics": "Render one stack of speckle; light that a slab reflects, transmits and absorbs.",
+}
+MOVED = {
+    "info": "store info", "verify": "store verify", "export": "store export", "fit-camera": "fit camera",
+    "fit-material": "fit material", "fit-setup": "fit setup", "twin": "fit twin", "recoverable": "check recoverable",
+    "compare": "check compare", "benchmark": "check benchmark", "measured": "check measured",
+    "render": "physics render", "reflectance": "physics reflectance",
+}  # fmt: skip
+"""New names of commands by their old ones, which work for one version."""
+_CLASSES = {"fit camera": fit_camera.ManyFiles}
+
+
+def _hinting(kind: type[Any], old: str) -> type[Any]:
+    """Return the class of a command, or of a group, that says its new name when it runs."""
+
+    def invoke(self: Any, context: Any) -> Any:
+        typer.echo(f"hint: `specklegen {old}` is now `specklegen {MOVED[old]}`", err=True)
+        return kind.invoke(self, context)
+
+    return type(kind.__name__, (kind,), {"invoke": invoke})
+
+
+app.add_typer(recipes.recipes, name="recipes", epilog=epilog("recipes"))
+groups = {name: typer.Typer(help=text, rich_markup_mode=None, no_args_is_help=True) for name, text in GROUPS.items()}
 for _name, _command in COMMANDS.items():
     _class = _CLASSES.get(_name, Generated).of(_command)
-    app.command(_name, cls=_class, help=getdoc(_command), epilog=epilog(_name))(unmade)
+    _group, _, _short = _name.rpartition(" ")
+    groups.get(_group, app).command(_short, cls=_class, help=getdoc(_command), epilog=epilog(_name))(unmade)
+for _name, _typer in groups.items():
+    app.add_typer(_typer, name=_name)
+groups["check"].add_typer(measured.measured, name="measured", epilog=epilog("check measured"))
+for _old, _name in MOVED.items():
+    if _name == "check measured":
+        app.add_typer(measured.measured, name=_old, hidden=True, cls=_hinting(TyperGroup, _old))
+    else:
+        _class = _hinting(_CLASSES.get(_name, Generated).of(COMMANDS[_name]), _old)
+        app.command(_old, cls=_class, help=getdoc(COMMANDS[_name]), epilog=epilog(_name), hidden=True)(unmade)
 
 
 def main(words: list[str] | None = None) -> None:

@@ -1,4 +1,4 @@
-"""The command ``specklegen compare``: which sampler is best for one's own scene, by measurement."""
+"""The command ``specklegen check compare``: which sampler is best for one's own scene, by measurement."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""The command ``specklegen fit-camera``: gain, read noise, offset, full well and bits from pairs of frames."""
+"""The command ``specklegen fit camera``: gain, read noise, offset, full well and bits from pairs of frames."""
 
 import glob
 import re

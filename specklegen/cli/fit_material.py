@@ -1,4 +1,4 @@
-"""The command ``specklegen fit-material``: a slab from tables of measured curves, and a recipe of it."""
+"""The command ``specklegen fit material``: a slab from tables of measured curves, and a recipe of it."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any

@@ -1,4 +1,4 @@
-"""The command ``specklegen fit-setup``: grain, iris, contrast and noise from photographs of one point's speckle."""
+"""The command ``specklegen fit setup``: grain, iris, contrast and noise from photographs of one point's speckle."""
 
 from pathlib import Path
 

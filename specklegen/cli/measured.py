@@ -1,4 +1,4 @@
-"""The command ``specklegen measured``: public measurements of other laboratories, listed, fetched and checked."""
+"""The command ``specklegen check measured``: public measurements of other laboratories, listed, fetched and checked."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ measured = typer.Typer(help="List the public measurements that docs/measurements
                        rich_markup_mode=None, no_args_is_help=True)  # fmt: skip
 
 
-@measured.command("list", epilog=epilog("measured list"))
+@measured.command("list", epilog=epilog("check measured list"))
 def list_measured(as_json: AsJson = False) -> None:
     """List public measurements: what they are, their licence, where they lie."""
     from specklegen.measured import public_data, public_data_names
@@ -30,9 +30,9 @@ def list_measured(as_json: AsJson = False) -> None:
         typer.echo(f"{each.name:16s} {each.what} ({licence}; {each.address}, {each.commit[:7]})")
 
 
-@measured.command("get", epilog=epilog("measured get"))
+@measured.command("get", epilog=epilog("check measured get"))
 def get_measured(
-    name: str = argument(..., "Name of the set; `specklegen measured list` has them all."),
+    name: str = argument(..., "Name of the set; `specklegen check measured list` has them all."),
     out: Path | None = option(None, "Folder to clone into, or a clone to check (default: NAME)."),
     source: str | None = option(None, "Address or path of another clone (default: GitHub)."),
 ) -> None:

@@ -1,4 +1,4 @@
-"""The command ``specklegen recoverable``: whether phase retrieval works on a scene or on photographs, and why not."""
+"""The command ``specklegen check recoverable``: whether phase retrieval works on a scene or on photographs, and why."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any

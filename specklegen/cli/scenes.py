@@ -1,4 +1,4 @@
-"""The commands about one scene or slab: ``specklegen render``, ``memory-effect`` and ``reflectance``."""
+"""The commands about one scene or slab: ``specklegen physics render``, ``memory-effect`` and ``reflectance``."""
 
 import dataclasses
 import time

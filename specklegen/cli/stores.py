@@ -140,7 +140,7 @@ def verify(
         if repair:
             typer.echo(f"{counted(bad, 'shard')} rendered again")
         elif result.damaged:
-            typer.echo(f"Mend it with `specklegen verify {folder} --repair RECIPE`.")
+            typer.echo(f"Mend it with `specklegen store verify {folder} --repair RECIPE`.")
         elif result.unfinished:
             typer.echo("Run the same `specklegen generate` again to go on.")
     if bad and not repair:

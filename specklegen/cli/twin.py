@@ -1,4 +1,4 @@
-"""The command ``specklegen twin``: photographs beside simulated ones, and what differs."""
+"""The command ``specklegen fit twin``: photographs beside simulated ones, and what differs."""
 
 from pathlib import Path
 

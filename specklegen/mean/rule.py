@@ -101,7 +101,7 @@ def _mean_left_out(ratio: float, tolerance: float) -> Decision:
         reason = f"at most {ratio:.2g} of the speckle's intensity at any view"
     else:
         reason = (
-            "not asked for (mean=True adds it, or --mean of `specklegen render`), though it reaches "
+            "not asked for (mean=True adds it, or --mean of `specklegen physics render`), though it reaches "
             f"{ratio:.2g} times the speckle's intensity at some "
             "view: a camera blocks it or looks beside it"
         )

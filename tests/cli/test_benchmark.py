@@ -1,4 +1,4 @@
-"""``specklegen benchmark``: one's own function from a file, beside none or all of the baselines."""
+"""``specklegen check benchmark``: one's own function from a file, beside none or all of the baselines."""
 
 import json
 
@@ -22,7 +22,7 @@ number = 3
 
 
 def run(*words):
-    return CliRunner().invoke(commands.app, ["benchmark", *map(str, words)])
+    return CliRunner().invoke(commands.app, ["check", "benchmark", *map(str, words)])
 
 
 @pytest.fixture

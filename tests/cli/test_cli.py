@@ -46,11 +46,38 @@ def context_of(line: str):
     return command.make_context("specklegen", words)
 
 
-def test_every_command_has_examples_that_the_command_line_reads():
+def listed_commands(group, path=""):
+    """Yield commands and groups that help lists, by their words."""
+    for name, command in group.commands.items():
+        if not command.hidden:
+            yield f"{path}{name}", command
+            yield from listed_commands(command, f"{path}{name} ") if hasattr(command, "commands") else ()
+
+
+def test_the_commands_of_newcomers_are_listed_first():
+    listed = [line.split()[0] for line in succeed("--help").partition("Commands:\n")[2].splitlines() if line.strip()]
+    first = "recipes plan preview generate train evaluate reconstruct retrieve memory-effect explore".split()
+    assert listed[: len(first) + 4] == [*first, *commands.GROUPS]
+
+
+def test_an_old_spelling_works_and_names_the_new_one():
     app = typer.main.get_command(commands.app)
-    inner = {f"{group} {name}" for group in app.commands for name in getattr(app.commands[group], "commands", {})}
-    assert set(EXAMPLES) == set(app.commands) | inner
-    assert len(inner) >= 4
+    for old, new in commands.MOVED.items():
+        group, name = new.split()
+        assert app.commands[old].hidden
+        shown = app.commands[group].commands[name]
+        assert [each.opts for each in app.commands[old].params] == [each.opts for each in shown.params]
+    for words in (["measured", "list"], ["reflectance", "--json"]):
+        new = commands.MOVED[words[0]]
+        old, now = run(*words), run(*new.split(), *words[1:])
+        assert old.stderr == f"hint: `specklegen {words[0]}` is now `specklegen {new}`\n"
+        assert old.stdout == now.stdout
+
+
+def test_every_command_has_examples_that_the_command_line_reads():
+    listed = dict(listed_commands(typer.main.get_command(commands.app)))
+    assert set(EXAMPLES) == listed.keys() - commands.GROUPS.keys()
+    assert len(listed) > 25
     for name in EXAMPLES:
         assert f"  specklegen {EXAMPLES[name][0]}\n" in succeed(*name.split(), "--help")
     for line in (line for lines in EXAMPLES.values() for line in lines):
@@ -68,7 +95,7 @@ def spelled_options(command, path="specklegen"):
         value = "!" if param.required else "" if default in (None, False, []) else f"={default}"
         yield f"{path} {'/'.join([*param.opts, *param.secondary_opts])}{value}"
     for name, inner in getattr(command, "commands", {}).items():
-        yield from spelled_options(inner, f"{path} {name}")
+        yield from () if inner.hidden else spelled_options(inner, f"{path} {name}")
 
 
 def test_options_keep_their_spelling_and_default():
@@ -88,13 +115,13 @@ def test_plan_says_what_it_does_and_costs():
 
 
 def test_render_writes_stack_picture_and_scene(tmp_path):
-    succeed("render", "--views", "32", "--paths", "3000", "--tilts", "3", "--out", tmp_path / "a")
+    succeed("physics", "render", "--views", "32", "--paths", "3000", "--tilts", "3", "--out", tmp_path / "a")
     field = np.load(tmp_path / "a/stack.npz")["field"]
     assert field.shape == (3, 32, 32)
     assert field.dtype == np.complex64
     assert (tmp_path / "a/stack.png").stat().st_size > 1000
     # The scene that was written renders to the same bits.
-    succeed("render", "--scene", tmp_path / "a/scene.toml", "--paths", "3000", "--out", tmp_path / "b")
+    succeed("physics", "render", "--scene", tmp_path / "a/scene.toml", "--paths", "3000", "--out", tmp_path / "b")
     assert np.array_equal(field, np.load(tmp_path / "b/stack.npz")["field"])
 
 
@@ -172,11 +199,11 @@ def test_memory_effect_in_time(tmp_path):
 
 def test_reflectance_writes_totals_and_densities(tmp_path):
     slab = ("--optical-depth", "2", "--g", "0.75", "--albedo", "0.9", "--index", "1.4", "--paths", "3000")
-    words = succeed("reflectance", *slab, "--out", tmp_path / "light.csv")
+    words = succeed("physics", "reflectance", *slab, "--out", tmp_path / "light.csv")
     assert "specular: 0.02826" in words
     rows = list(csv.reader((tmp_path / "light.csv").open()))
     assert len(rows) == 31
-    told = json.loads(succeed("reflectance", *slab, "--json"))
+    told = json.loads(succeed("physics", "reflectance", *slab, "--json"))
     assert told["reflectance"] + told["transmittance"] + told["absorptance"] == pytest.approx(1, abs=1e-12)
     assert len(told["transmitted"]) == 30
 
@@ -186,11 +213,11 @@ def test_generate_resumes_and_previews(tmp_path):
     arguments = ("through-slab", "--out", store, "--processes", "1", "--set", "material.kernel_paths=2000")
     assert "8 of 8 samples" in succeed("generate", *arguments, "--samples", "8")
     assert "rendered 0" in succeed("generate", *arguments, "--samples", "8")
-    assert json.loads(succeed("info", store))["done"] == 8
-    succeed("verify", store)
+    assert json.loads(succeed("store", "info", store))["done"] == 8
+    succeed("store", "verify", store)
     succeed("preview", store, "--samples", "3", "--out", tmp_path / "sheet.png")
     assert (tmp_path / "sheet.png").stat().st_size > 1000
-    succeed("export", store, "--out", tmp_path / "npy")
+    succeed("store", "export", store, "--out", tmp_path / "npy")
     assert np.load(tmp_path / "npy/image.npy").shape == (8, 128, 128)
 
 
@@ -229,9 +256,9 @@ def test_verify_fails_on_damage_and_succeeds_once_it_is_mended(tmp_path):
     content = bytearray(shard.read_bytes())
     content[100] ^= 1
     shard.write_bytes(content)
-    assert run("verify", store).exit_code == 1
-    assert "1 shard rendered again" in succeed("verify", store, "--repair", "through-slab", *changes)
-    succeed("verify", store)
+    assert run("store", "verify", store).exit_code == 1
+    assert "1 shard rendered again" in succeed("store", "verify", store, "--repair", "through-slab", *changes)
+    succeed("store", "verify", store)
 
 
 @pytest.mark.parametrize("name", packaged())

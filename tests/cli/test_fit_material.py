@@ -10,7 +10,8 @@ from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 
 DATA = Path(__file__).parents[2] / "docs/data"
-WORDS = ["fit-material", "--wavelength", "0.5", "--tilt", str(DATA / "bench-a-tilts.csv"), "--known", "thickness=715"]
+WORDS = ["fit", "material", "--wavelength", "0.5", "--tilt", str(DATA / "bench-a-tilts.csv"), "--known",
+         "thickness=715"]
 
 
 def invoke(*words):

@@ -22,7 +22,7 @@ def photograph(tmp_path_factory):
 
 def test_it_prints_and_draws(photograph, tmp_path):
     done = CliRunner().invoke(
-        app, ["fit-setup", str(photograph), "--dark", "20", "--points", "--picture", str(tmp_path / "a.png")]
+        app, ["fit", "setup", str(photograph), "--dark", "20", "--points", "--picture", str(tmp_path / "a.png")]
     )
     assert done.exit_code == 0, done.output
     assert "iris: disc" in done.output
@@ -31,6 +31,6 @@ def test_it_prints_and_draws(photograph, tmp_path):
 
 
 def test_what_is_refused(photograph):
-    failed = CliRunner().invoke(app, ["fit-setup", str(photograph), "--profile", "round"])
+    failed = CliRunner().invoke(app, ["fit", "setup", str(photograph), "--profile", "round"])
     assert isinstance(failed.exception, RuleError)
     assert "fit_setup profile must be" in str(failed.exception)

@@ -21,7 +21,7 @@ def folder(tmp_path_factory):
 
 def test_it_prints_and_writes(folder, tmp_path):
     out, picture = tmp_path / "twin.toml", tmp_path / "twin.png"
-    words = ["twin", str(folder), "--dark", "20", "--points", "--images", "8"]
+    words = ["fit", "twin", str(folder), "--dark", "20", "--points", "--images", "8"]
     done = CliRunner().invoke(app, [*words, "--out", str(out), "--picture", str(picture)])
     assert done.exit_code == 0, done.output
     assert "verdict: indistinguishable in 3 images" in done.output
@@ -32,6 +32,6 @@ def test_it_prints_and_writes(folder, tmp_path):
 
 
 def test_what_is_refused(folder):
-    failed = CliRunner().invoke(app, ["twin", str(folder), "--images", "2"])
+    failed = CliRunner().invoke(app, ["fit", "twin", str(folder), "--images", "2"])
     assert isinstance(failed.exception, RuleError)
     assert "twin images must be" in str(failed.exception)

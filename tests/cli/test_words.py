@@ -65,20 +65,20 @@ def test_numbers_as_json(tmp_path, store):
     assert planned["plans"][0]["sampler"] in ("paths", "stationary", "covariance")
     curves = answer("memory-effect", "--paths", 500, "--points", 3, "--g", 0, "--g", 0.9, "--out", tmp_path)
     assert [len(curve["intensity_correlation"]) for curve in curves] == [3, 3]
-    checked = answer("verify", store)
+    checked = answer("store", "verify", store)
     assert checked["complete"]
     assert checked["shards"] == 4
     rows = answer("evaluate", "--recipe", "through-slab", "--samples", 2, "--no-katz", "--out", tmp_path / "judged",
                   *SMALL)  # fmt: skip
     assert {row["method"] for row in rows} == {"another object", "mean image", "packaged network"}
-    assert answer("compare", "through-slab", "--seconds", 0.01)["runs"]
+    assert answer("check", "compare", "through-slab", "--seconds", 0.01)["runs"]
 
 
 def test_verify_tells_a_store_that_is_not_whole(store, tmp_path):
-    assert "4 shards: 4 sound" in run("verify", store).output
+    assert "4 shards: 4 sound" in run("store", "verify", store).output
     begun = tmp_path / "begun.zarr"
     run("generate", "through-slab", "--out", begun, "--samples", 4, "--shard-range", "0/4", "--processes", 1, *SMALL)
-    result = run("verify", begun)
+    result = run("store", "verify", begun)
     assert result.exit_code == 1
     assert "4 shards: 1 sound, 3 unfinished (numbers 1, 2, 3)" in result.output
     assert "generate" in result.output
@@ -87,9 +87,9 @@ def test_verify_tells_a_store_that_is_not_whole(store, tmp_path):
 @pytest.mark.parametrize(("words", "says"), [
     (("plan", "through-slab", "--samples", "-3"), "--samples"),
     (("plan", "thruogh-slab"), "Did you mean through-slab?"),
-    (("render", "--tilts", "0"), "--tilts"),
-    (("render", "--thickness", "0"), "--thickness must be greater than 0"),
-    (("render", "--sampler", "magic"), "stationary"),
+    (("physics", "render", "--tilts", "0"), "--tilts"),
+    (("physics", "render", "--thickness", "0"), "--thickness must be greater than 0"),
+    (("physics", "render", "--sampler", "magic"), "stationary"),
     (("memory-effect", "--points", "0"), "--points"),
     (("memory-effect", "--points", "1"), "--points"),
     (("memory-effect", "--largest", "-1"), "--largest must be above 0"),
@@ -97,13 +97,14 @@ def test_verify_tells_a_store_that_is_not_whole(store, tmp_path):
     (("train", "through-slab", "--out", "run", "--device", "meta"), "--device must be a device that torch has"),
     (("generate", "through-slab", "--out", "x.zarr", "--shard-range", "²/3"), "must be of the form I/N"),
     (("preview", "through-slab", "--out", "x.pdf"), "preview --out must be a file whose name ends in .png"),
-    (("compare", "through-slab", "--seconds", "nan"), "--seconds must be greater than 0"),
+    (("check", "compare", "through-slab", "--seconds", "nan"), "--seconds must be greater than 0"),
     (("evaluate", "text.toml"), "model must be a file that Reconstructor.save wrote"),
     (("plan", "folder/inside"), "recipe must be a file that is there, or a packaged name; got 'folder/inside'"),
-    (("render", "--scene", "folder"), "--scene must be a file that exists"),
-    (("render", "--scene", "text.toml"), "wavelength must be given"),
-    (("render", "--scene", "text.toml", "--g", "0.5", "--tilts", "3"), "render --g, --tilts must be left out"),
-    (("export", "folder", "--out", "x"), "store.folder must be a folder that holds a store"),
+    (("physics", "render", "--scene", "folder"), "--scene must be a file that exists"),
+    (("physics", "render", "--scene", "text.toml"), "wavelength must be given"),
+    (("physics", "render", "--scene", "text.toml", "--g", "0.5", "--tilts", "3"),
+     "render --g, --tilts must be left out"),
+    (("store", "export", "folder", "--out", "x"), "store.folder must be a folder that holds a store"),
 ])  # fmt: skip
 def test_what_stops_a_command_is_a_line(words, says, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -120,7 +121,7 @@ def test_a_store_with_damaged_metadata_is_refused(store, tmp_path, capsys, name)
     folder = tmp_path / "copy.zarr"
     subprocess.run(["cp", "-r", store, folder], check=True)
     (folder / name).write_text("{")
-    status, message = said_by_main(capsys, "verify", folder)
+    status, message = said_by_main(capsys, "store", "verify", folder)
     assert status == 2
     assert "store metadata must be as written" in message
     assert f"{name} (damaged)" in message

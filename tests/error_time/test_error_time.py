@@ -290,7 +290,7 @@ def test_compare_command(tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(small(views=3).to_toml())
     table, figure = tmp_path / "compare.csv", tmp_path / "compare.png"
-    command = ["compare", str(scene), "--seconds", "0.05", "--csv", str(table), "--out", str(figure)]
+    command = ["check", "compare", str(scene), "--seconds", "0.05", "--csv", str(table), "--out", str(figure)]
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 0, result.output
     lines = list(csv.reader(table.open()))

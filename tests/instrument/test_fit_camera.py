@@ -189,7 +189,7 @@ def test_the_command_writes_an_exposure_table(tmp_path, good):
     imwrite(tmp_path / "dark.tif", dark.astype(np.uint16), photometric="minisblack")
     bright = sorted(str(file) for file in tmp_path.glob("bright_*.tif"))
     out, picture = tmp_path / "camera.toml", tmp_path / "curve.png"
-    words = ["fit-camera", "--pairs", *bright, "--dark", str(tmp_path / "d*.tif"), "--out", str(out)]
+    words = ["fit", "camera", "--pairs", *bright, "--dark", str(tmp_path / "d*.tif"), "--out", str(out)]
     result = CliRunner().invoke(app, [*words, "--picture", str(picture)])
     assert result.exit_code == 0, result.output
     expected = sg.fit_camera(pairs, dark)
@@ -200,7 +200,7 @@ def test_the_command_writes_an_exposure_table(tmp_path, good):
     told = json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)
     assert told["gain"] == pytest.approx(expected.gain)
     assert told["gain_error"] == pytest.approx(expected.gain_error)
-    odd = CliRunner().invoke(app, ["fit-camera", "--pairs", bright[0], "--dark", bright[1]])
+    odd = CliRunner().invoke(app, ["fit", "camera", "--pairs", bright[0], "--dark", bright[1]])
     assert "even number of frames" in str(odd.exception)
 
 
@@ -227,5 +227,5 @@ def test_files_that_are_no_frames_say_why(tmp_path):
     np.save(tmp_path / "a.npy", np.zeros(3))
     with pytest.raises(ValueError, match="not frames of grey counts"):
         read_frames(tmp_path / "a.npy")
-    asked = CliRunner().invoke(app, ["fit-camera", "--pairs", str(tmp_path / "none.tif"), "--dark", "x"])
+    asked = CliRunner().invoke(app, ["fit", "camera", "--pairs", str(tmp_path / "none.tif"), "--dark", "x"])
     assert "fit-camera --pairs must be a file, a folder or a pattern with frames" in str(asked.exception)

@@ -59,19 +59,19 @@ def test_what_git_cannot_is_said(data, tmp_path):
 
 
 def test_the_list_is_whole():
-    result = CliRunner().invoke(commands.app, ["measured", "list", "--json"])
+    result = CliRunner().invoke(commands.app, ["check", "measured", "list", "--json"])
     told = json.loads(result.output)
     assert [each["name"] for each in told] == list(public_data_names())
     for each in told:
         assert len(each["commit"]) == 40
         assert all(len(digest) == 64 for digest in each["files"].values())
         assert each["licence"] in ("none", "MIT", "Apache-2.0", "EUPL-1.2")
-    assert "no licence" in CliRunner().invoke(commands.app, ["measured", "list"]).output
+    assert "no licence" in CliRunner().invoke(commands.app, ["check", "measured", "list"]).output
 
 
 def test_the_command_gets(data, repository, tmp_path, monkeypatch):
     monkeypatch.setattr("specklegen.measured.catalogue._catalogue", lambda: {"here": data})
-    words = ["measured", "get", "here", "--out", str(tmp_path / "c"), "--source", str(repository)]
+    words = ["check", "measured", "get", "here", "--out", str(tmp_path / "c"), "--source", str(repository)]
     result = CliRunner().invoke(commands.app, words)
     assert result.exit_code == 0, result.output
     assert "2 files of a/b" in result.output

@@ -312,9 +312,9 @@ def test_commands_take_an_address(address, tmp_path):
     few = ["--set", "material.kernel_paths=1000", "--samples", "4", "--out", address, "--processes", 1]
     assert "2 of 2 samples of part 0/2 in" in run("generate", "through-slab", *few, "--shard-range", "0/2")
     assert "rendered 2 in" in run("generate", "through-slab", *few)
-    assert '"done": 4' in run("info", address)
-    assert run("verify", address).startswith("4 shards: 4 sound")
-    run("export", address, "--out", tmp_path / "npy")
+    assert '"done": 4' in run("store", "info", address)
+    assert run("store", "verify", address).startswith("4 shards: 4 sound")
+    run("store", "export", address, "--out", tmp_path / "npy")
     assert np.load(tmp_path / "npy/image.npy").shape == (4, 128, 128)
 
 

@@ -78,7 +78,8 @@ def test_every_command_names_damaged_metadata(tmp_path, whole, change):
     folder = shutil.copytree(whole, tmp_path / "a.zarr")
     damage(folder, "zarr.json", change)
     a, out = str(folder), str(tmp_path / "out")
-    for words in (["info", a], ["verify", a], ["preview", a, "--out", f"{out}/a.png"], ["export", a, "--out", out],
+    for words in (["store", "info", a], ["store", "verify", a], ["preview", a, "--out", f"{out}/a.png"],
+                  ["store", "export", a, "--out", out],
                   ["generate", "through-slab", "--out", a], ["train", a, "--out", out, "--validation", a]):  # fmt: skip
         error = CliRunner().invoke(commands.app, words).exception
         assert isinstance(error, RuleError), words

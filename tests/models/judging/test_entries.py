@@ -37,8 +37,8 @@ def test_every_file_of_the_repository_is_an_entry():
 
 
 def test_the_page_has_the_table_of_the_folder():
-    """docs/benchmark.md holds what ``specklegen benchmark --table results`` prints, and no other numbers."""
-    shown = CliRunner().invoke(commands.app, ["benchmark", "--table", str(RESULTS)])
+    """docs/benchmark.md holds what ``specklegen check benchmark --table results`` prints, and no other numbers."""
+    shown = CliRunner().invoke(commands.app, ["check", "benchmark", "--table", str(RESULTS)])
     assert shown.exit_code == 0, shown.output
     (page,) = MARKS.findall((ROOT / "docs" / "benchmark.md").read_text())
     assert page == shown.output

@@ -86,7 +86,7 @@ def test_without_files_the_task_is_skipped_and_said(tmp_path):
     found = benchmark(function, tasks=["thin"], samples=2)
     assert found.skipped == ()  # nobody asked for it
     said = Results(found.evaluations, 2, skipped=(NAME,)).markdown()
-    assert "Skipped, since their files were not named: measured frames. `specklegen measured get" in said
+    assert "Skipped, since their files were not named: measured frames. `specklegen check measured get" in said
     with pytest.raises(RuleError, match="benchmark tasks must be those whose files are there; got 'measured frames'"):
         benchmark(function, tasks=[NAME])
     with pytest.raises(RuleError, match="benchmark measured must be a folder of hidden-shapes"):

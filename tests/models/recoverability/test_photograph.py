@@ -155,15 +155,15 @@ def test_the_command_tells_photographs_from_recipes(tmp_path):
     tifffile.imwrite(tmp_path / "photo.tif", counts)
     (tmp_path / "camera.toml").write_text("[exposure]\ngain = 2.0\nbit_depth = 12\n")
     run = CliRunner().invoke
-    told = run(app, ["recoverable", str(tmp_path / "photo.tif"), "--camera", str(tmp_path / "camera.toml")])
+    told = run(app, ["check", "recoverable", str(tmp_path / "photo.tif"), "--camera", str(tmp_path / "camera.toml")])
     assert told.exit_code == 0, told.output
     assert told.output.startswith("works: success probability")
     assert "photons" in told.output
-    answer = run(app, ["recoverable", str(tmp_path), "--json"])
+    answer = run(app, ["check", "recoverable", str(tmp_path), "--json"])
     assert json.loads(answer.output)["answer"] == "works"
     for words, said in ((["through-slab", "--dark", "3"], "--dark must be left out"),
                         ([str(tmp_path / "photo.tif"), "--beam", "0.5"], "--beam must be left out")):  # fmt: skip
-        refused = run(app, ["recoverable", *words])
+        refused = run(app, ["check", "recoverable", *words])
         assert isinstance(refused.exception, RuleError)
         assert said in str(refused.exception)
 

@@ -333,7 +333,7 @@ def test_recipes_without_hidden_objects_are_refused():
 
 
 def test_command():
-    words = ["recoverable", "through-slab", "--set", "material.kernel_paths=20000"]
+    words = ["check", "recoverable", "through-slab", "--set", "material.kernel_paths=20000"]
     told = CliRunner().invoke(commands.app, words)
     assert told.exit_code == 0, told.output
     assert "too few grains" in told.output
