@@ -217,7 +217,7 @@ def load_pretrained(device: torch.device | str = "cpu", *, name: Pretrained = "u
         Torch device to put it on; "cpu" by default.
     name
         What it was trained on: "unknown-slab", cameras and focus as they are said to be, or "lab-mild", the same
-        recipe behind benches that blur, shake, have stray light (docs/notes/recipes.md says what that is worth).
+        recipe with blur, motion and stray light (docs/notes/recipes.md compares the two).
 
     Examples
     --------
