@@ -48,7 +48,7 @@ def setup(tmp_path_factory):
 
 def test_frames_in_three_formats(setup, tmp_path):
     images = [setup / name for name in ("one.tiff", "two.png", "three.npy")]
-    result = run("reconstruct", *images, "--setup", setup / "setup.toml", "--out", tmp_path / "out")
+    result = run("reconstruct", *images, "--setup", setup / "setup.toml", "--out", tmp_path / "out", "--fast")
     assert result.exit_code == 0, result.output
     assert "that r > 0.8 on the object's 28 x 28 pixels" in result.output
     report = json.loads((tmp_path / "out" / "report.json").read_text())
@@ -91,7 +91,7 @@ def test_pages_of_one_pattern_are_averaged_and_it_is_said(setup, tmp_path):
     shot = np.random.default_rng(0).poisson(one).astype(np.uint16)
     tifffile.imwrite(setup / "pages.tif", shot, photometric="minisblack")
     np.save(setup / "mean.npy", shot.mean(axis=0))
-    words = ("--setup", setup / "setup.toml", "--json", "--out")
+    words = ("--setup", setup / "setup.toml", "--json", "--fast", "--out")
     result = run("reconstruct", setup / "pages.tif", *words, tmp_path / "a")
     assert result.exit_code == 0, result.output
     told = json.loads(result.output)
@@ -104,7 +104,7 @@ def test_pages_of_one_pattern_are_averaged_and_it_is_said(setup, tmp_path):
 def test_pages_of_other_patterns_need_the_option(setup, tmp_path):
     counts = [tifffile.imread(setup / "one.tiff"), np.asarray(Image.open(setup / "two.png"))]
     tifffile.imwrite(setup / "states.tif", np.stack(counts).astype(np.uint16), photometric="minisblack")
-    words = ("reconstruct", setup / "states.tif", "--setup", setup / "setup.toml", "--out", tmp_path)
+    words = ("reconstruct", setup / "states.tif", "--setup", setup / "setup.toml", "--out", tmp_path, "--fast")
     result = run(*words)
     assert isinstance(result.exception, RuleError), result.output
     assert "frames of one pattern" in str(result.exception)
@@ -145,7 +145,7 @@ def test_a_laboratory_s_files_are_read_whole(setup, tmp_path, monkeypatch):
     given = []
     monkeypatch.setattr("specklegen.models.recoverability.assessment.reconstruct", lambda stack, *a,
                         **k: given.append(stack))  # fmt: skip
-    words = ("reconstruct", setup / "lab.tif", "--setup", setup / "setup.toml", "--out", tmp_path)
+    words = ("reconstruct", setup / "lab.tif", "--setup", setup / "setup.toml", "--out", tmp_path, "--fast")
     region = "--region=0,4,128,128"
     for envelope in ("fit", "none"):
         run(*words, "--dark", setup / "dark_*.tif", region, "--keep", "1:", "--envelope", envelope)

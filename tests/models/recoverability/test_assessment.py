@@ -10,7 +10,7 @@ from specklegen.datasets import load_recipe
 from specklegen.models.learning.solver import EVIDENCE, load_solver, silenced, with_third
 from specklegen.models.likelihood.likelihood import SpeckleLikelihood
 from specklegen.models.likelihood.periodogram import periodogram
-from specklegen.models.metrics import alignment
+from specklegen.models.metrics import alignment, pearson
 from specklegen.models.recoverability.assessment import reconstruct, setup_of
 from specklegen.models.retrieval.autocorrelation import envelope
 
@@ -47,7 +47,7 @@ def excesses(recipe, frames):
     seen = periodogram(frames)
     count, looks = SpeckleLikelihood(seen, (36, 36), setup_of(recipe).optics).frequencies[0], torch.tensor(seen.looks)
     spread = float(((torch.polygamma(1, looks) - 1 / looks) / count).sqrt())
-    each = reconstruct(frames, recipe, fit=False).each
+    each = reconstruct(frames, recipe, fit=False, fast=True).each
     return each, np.array([(one.deviance - one.expected) / spread for one in each])
 
 
@@ -80,7 +80,7 @@ def test_an_image_that_is_turned_shows_the_object_turned():
     recipe = load_recipe("one-angular-size", SLAB | within)
     batch = recipe.batch(4, "test", range(4))
     images = torch.from_numpy(batch["image"]).double()[:, None]
-    pairs = [reconstruct(each, recipe).each for each in (images, images.flip((-2, -1)))]
+    pairs = [reconstruct(each, recipe, fast=True).each for each in (images, images.flip((-2, -1)))]
     objects = torch.nn.functional.pad(torch.from_numpy(batch["object"]).float(), (4, 4, 4, 4))
     told = 0
     for both, placed in zip(pairs, (objects, objects.flip((-2, -1))), strict=True):
@@ -98,11 +98,11 @@ def test_no_probability_where_it_is_not_calibrated():
     images = torch.from_numpy(recipe.batch(4, "test", range(1, 3))["image"])[:, None]
     certificate = solver.third
     assert certificate is not None
-    assert all(one.probability is not None for one in reconstruct(images, recipe, solver=solver).each)
+    assert all(one.probability is not None for one in reconstruct(images, recipe, solver=solver, fast=True).each)
     last = len(EVIDENCE)  # the skewness
     solver.third = certificate._replace(low=(*certificate.low[:last], 50.0, *certificate.low[last + 1 :]),
                                         high=(*certificate.high[:last], 60.0, *certificate.high[last + 1 :]))
-    for one in reconstruct(images, recipe, solver=solver).each:
+    for one in reconstruct(images, recipe, solver=solver, fast=True).each:
         assert one.probability is None
         assert one.turn is None
         assert one.reasons[0].name == "No confidence"
@@ -120,7 +120,7 @@ def test_no_probability_under_a_taper():
     """A slope of the light, for which the confidence is not calibrated: silent, and the reason says why."""
     recipe = load_recipe("one-angular-size", SLAB)
     images = torch.from_numpy(recipe.batch(4, "test", range(1))["image"])[:, None]
-    (found,) = reconstruct(images * torch.linspace(0.7, 1.3, images.shape[-1]), recipe).each
+    (found,) = reconstruct(images * torch.linspace(0.7, 1.3, images.shape[-1]), recipe, fast=True).each
     assert found.probability is None
     assert found.reasons[0].name == "No confidence"
     assert found.reasons[0].numbers.startswith("the light falls off")
@@ -144,3 +144,16 @@ def test_third_order_is_read_beside_the_noise():
     noise = evidence[:, EVIDENCE.index("noise of a lag (logarithm / 5 + 1.5)")]
     assert torch.allclose(whole[:, len(EVIDENCE) :], torch.stack([torch.tensor([0.5, -2.0]), torch.tensor([0.25, 4.0]),
                                                                   noise * torch.tensor([0.5, -2.0])], dim=1))
+
+
+def test_the_answer_is_the_mean_of_draws_unless_fast():
+    """The mean is moved onto the solver's image, and is another picture."""
+    recipe = load_recipe("one-angular-size", SLAB)
+    images = torch.from_numpy(recipe.batch(4, "test", range(1, 2))["image"])[:, None]
+    (drawn,), (fast,) = (reconstruct(images, recipe, draws=2, fast=fast).each for fast in (False, True))
+    assert fast.draws is None
+    assert drawn.draws is not None
+    assert np.array_equal(drawn.image, drawn.draws.mean[0].numpy())
+    assert drawn.probability == fast.probability
+    likeness = float(pearson(torch.from_numpy(drawn.image), torch.from_numpy(fast.image)))
+    assert 0.8 < likeness < 0.999
