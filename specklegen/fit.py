@@ -1,5 +1,7 @@
 """Fits to measurements: of a camera, a material, a setup; how far simulated images are from measured ones.
 
+Examples
+--------
 >>> import specklegen as sg
 >>> print(*dir(sg.fit))
 Advice CameraFit MaterialFit SetupFit Twin advise fit_camera fit_material fit_setup twin

@@ -1,5 +1,7 @@
 """Light that falls on a medium: plane waves, beams, point sources, objects, and polarisers.
 
+Examples
+--------
 >>> import specklegen as sg
 >>> sg.light.CollimatedBeams.tilts(["0 deg", "0.1 deg"], width="5 mm").width
 5000.0

@@ -1,5 +1,7 @@
 """Media: volumes, layers, screens, particles, and how they move.
 
+Examples
+--------
 >>> import specklegen as sg
 >>> sg.Slab(thickness="1 mm", mean_free_path="0.1 mm", scatterer=sg.media.HenyeyGreenstein(0.9)).optical_depth
 10.0

@@ -1,5 +1,7 @@
 """Sensors: where speckle is looked at, and the optics before them.
 
+Examples
+--------
 >>> import specklegen as sg
 >>> sg.sensors.FarField.grid((64, 64), pitch="1 mrad").shape
 (64, 64)

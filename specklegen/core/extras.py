@@ -1,7 +1,7 @@
 """Packages that come with an extra: which one a missing package belongs to, and public names that load when used.
 
 ``pip install specklegen-torch`` brings what scenes, plans, correlations, covariances and path sums need. All else is an
-extra, PyTorch too: whoever meets the border is told its name.
+extra, PyTorch too: the error of an import that fails names it.
 """
 
 import re

@@ -155,7 +155,7 @@ def _values_in(annotation: Any) -> list[type[BaseModel]]:
 
 
 def _bound(value: object) -> object:
-    """A bound as people write it: 1e+15 and not 1000000000000000.0."""
+    """Return a bound as people write it: large ones with an exponent."""
     return f"{value:g}" if isinstance(value, float) and abs(value) >= 1e12 else value
 
 
