@@ -19,7 +19,7 @@ from specklegen.datasets import load_recipe, recipe_names
 from specklegen.datasets.recipes.recipe_files import merged, recipe_table
 
 OBLIQUE = [0.3, 0.2, np.sqrt(1 - 0.13)]
-MOTIONS = (None, sg.Brownian(diffusion=1.0), sg.Shear(rate=1.0), sg.Drift(velocity=[1.0, 0.0, 0.0]))
+MOTIONS = (None, sg.media.Brownian(diffusion=1.0), sg.media.Shear(rate=1.0), sg.media.Drift(velocity=[1.0, 0.0, 0.0]))
 
 
 def made(build: Callable[[], Any]) -> Any:
@@ -32,29 +32,30 @@ def made(build: Callable[[], Any]) -> Any:
 
 def media() -> dict[str, Any]:
     """Media by their features; combinations that are refused are left out."""
-    forward = sg.HenyeyGreenstein(0.6)
+    forward = sg.media.HenyeyGreenstein(0.6)
 
     def layers(scatterer, motion, index, polarisation):
         own = {} if index is None else {"index": index}
-        first = sg.Layer(thickness=20.0, mean_free_path=10.0, scatterer=scatterer, motion=motion, **own)
-        last = sg.Layer(thickness=10.0, mean_free_path=10.0, scatterer=sg.Rayleigh(), motion=motion)
+        first = sg.media.Layer(thickness=20.0, mean_free_path=10.0, scatterer=scatterer, motion=motion, **own)
+        last = sg.media.Layer(thickness=10.0, mean_free_path=10.0, scatterer=sg.media.Rayleigh(), motion=motion)
         return sg.Layers([first, last], polarisation=polarisation)
 
     def slab(scatterer, motion, inside, polarisation):
         return sg.Slab(thickness=40.0, mean_free_path=10.0, scatterer=scatterer, motion=motion,
-                       faces=sg.Faces(inside=inside), polarisation=polarisation)  # fmt: skip
+                       faces=sg.media.Faces(inside=inside), polarisation=polarisation)  # fmt: skip
 
     found = {}
     for polarisation, motion in itertools.product(("scalar", "projector", "vector"), MOTIONS):
-        scatterer, moving = sg.Rayleigh() if polarisation == "vector" else forward, type(motion).__name__
+        scatterer, moving = sg.media.Rayleigh() if polarisation == "vector" else forward, type(motion).__name__
         for make, value in ((slab, 1.0), (slab, 1.4), (layers, None), (layers, 1.3)):
             found[f"{make.__name__} {polarisation} {moving} {value}"] = made(
                 partial(make, scatterer, motion, value, polarisation)
             )
-    box = sg.Box(lower=[-20, -20, 0], upper=[20, 20, 40], mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.5))
+    box = sg.media.Box(lower=[-20, -20, 0], upper=[20, 20, 40], mean_free_path=20.0,
+                       scatterer=sg.media.HenyeyGreenstein(0.5))
     found |= {"box": box, "box Brownian": box.replace(motion=MOTIONS[1])}
     found["no albedo"] = sg.Slab(thickness=40.0, mean_free_path=10.0, albedo=0.0, scatterer=forward)
-    found["screen"] = sg.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
+    found["screen"] = sg.media.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
     return {name: medium for name, medium in found.items() if medium is not None}
 
 
@@ -68,42 +69,42 @@ def curves() -> dict[str, Callable]:
         options = {"wavelength": 1.0, "mode": mode, "channel": channel, "azimuth": azimuth, "paths": 128, **aside}
         name = f"{mode} {len(aside)} {channel}"
         found[f"memory_effect {name}"] = partial(sg.memory_effect, tilts=[0.0, 0.01], **options)
-        found[f"temporal_correlation {name}"] = partial(sg.temporal_correlation, lags=[0.0, 0.01], **options)
+        found[f"temporal_correlation {name}"] = partial(sg.statistics.temporal_correlation, lags=[0.0, 0.01], **options)
         found[f"temporal_correlation of tilts {name}"] = partial(
-            sg.temporal_correlation, lags=[0.01], tilts=[0.0, 0.01], **options
+            sg.statistics.temporal_correlation, lags=[0.01], tilts=[0.0, 0.01], **options
         )
-        found[f"contrast {name}"] = lambda medium, o=options: sg.temporal_correlation(
+        found[f"contrast {name}"] = lambda medium, o=options: sg.statistics.temporal_correlation(
             medium, lags=[0.0], **o
         ).contrast([0.01])
     for mode, aside in sides:
         found[f"mueller_matrix {mode} {len(aside)}"] = partial(
-            sg.mueller_matrix, wavelength=1.0, mode=mode, paths=128, **aside
+            sg.statistics.mueller_matrix, wavelength=1.0, mode=mode, paths=128, **aside
         )
-    joint = partial(sg.joint_correlation, wavelength=1.0, tilts=[0.0, 0.01], shifts=[0.0, 1.0], paths=128)
+    joint = partial(sg.statistics.joint_correlation, wavelength=1.0, tilts=[0.0, 0.01], shifts=[0.0, 1.0], paths=128)
     found |= {"joint_correlation": joint, "joint_correlation of lags": partial(joint, lags=[0.01])}
-    found["reflectance_transmittance"] = partial(sg.reflectance_transmittance, angle=0.4, paths=128)
+    found["reflectance_transmittance"] = partial(sg.statistics.reflectance_transmittance, angle=0.4, paths=128)
     return found
 
 
 def scenes() -> dict[str, Callable]:
     """Verbs that take a scene, with every kind of light and sensor; of polarised media with crossed polarisers."""
-    tilts = partial(sg.CollimatedBeams.tilts, [0.0, 0.002], width=400.0)
+    tilts = partial(sg.light.CollimatedBeams.tilts, [0.0, 0.002], width=400.0)
     lights = {"tilts": tilts(), "film": tilts(times=[0.0, 0.01]), "exposure": tilts(times=[0.0, 0.1], exposure=0.02),
-              "focus": sg.FocusedBeams([[0.0, 0.0, 10.0]], waist=4.0),
-              "points": sg.PointSources(points=[[0.0, 0.0, -50.0]])}  # fmt: skip
-    lens = partial(sg.Imaging, shape=(4, 4), pitch=1.0, aperture=0.1)
-    far = partial(sg.FarField.grid, (4, 4), 1e-3)
+              "focus": sg.light.FocusedBeams([[0.0, 0.0, 10.0]], waist=4.0),
+              "points": sg.light.PointSources(points=[[0.0, 0.0, -50.0]])}  # fmt: skip
+    lens = partial(sg.sensors.Imaging, shape=(4, 4), pitch=1.0, aperture=0.1)
+    far = partial(sg.sensors.FarField.grid, (4, 4), 1e-3)
     sensors = {"far": far(), "far oblique": far(center=(0.3, 0.1)), "back": far(side="reflection"), "lens": lens(),
                "lens back": lens(side="reflection")}  # fmt: skip
-    verbs = {"render": partial(sg.render, paths=60), "covariance": partial(sg.covariance, paths=64),
-             "mean_field": sg.mean_field, "plan": sg.plan}  # fmt: skip
+    verbs = {"render": partial(sg.render, paths=60), "covariance": partial(sg.statistics.covariance, paths=64),
+             "mean_field": sg.statistics.mean_field, "plan": sg.plan}  # fmt: skip
     found: dict[str, Callable] = {}
     for (light, beams), (sensor, camera), (verb, call) in itertools.product(
         lights.items(), sensors.items(), verbs.items()
     ):
         parts = {"wavelength": 1.0, "illumination": beams, "sensor": camera}
         found[f"{verb} {light}, {sensor}"] = lambda medium, call=call, parts=parts: call(
-            sg.Scene(medium=medium, polarisers=None if is_scalar(medium) else sg.Polarisers.crossed(), **parts)
+            sg.Scene(medium=medium, polarisers=None if is_scalar(medium) else sg.light.Polarisers.crossed(), **parts)
         )
     return found
 
@@ -225,7 +226,7 @@ def test_what_is_neither_is_found():
     assert outcome(lambda: warnings.warn("of age", DeprecationWarning, 1) or np.nan) == "NaN without a warning"
     assert outcome(lambda: warnings.warn("none lit", sg.DoubtWarning, 1) or np.nan) == ANSWERED
     assert outcome(lambda: [][1]) == "IndexError: list index out of range"
-    assert outcome(lambda: sg.HenyeyGreenstein(2.0)) == REFUSED
+    assert outcome(lambda: sg.media.HenyeyGreenstein(2.0)) == REFUSED
     assert outcome(lambda: np.ones(2)) == ANSWERED
     for name in ("NaN without a warning", REFUSED):
         with pytest.raises(AssertionError):

@@ -35,8 +35,8 @@ def scene(*, tilts=(0.0, 2.0), shape=(8, 9), pitch=0.5, medium=None, profile="sq
     """Tilts and pitch in speckle grains."""
     return sg.Scene(
         wavelength=WAVELENGTH, medium=medium or slab(2.0),
-        illumination=sg.CollimatedBeams.tilts(np.arcsin(np.array(tilts) * GRAIN), width=WIDTH, profile=profile),
-        sensor=sg.FarField.grid(shape=shape, pitch=pitch * GRAIN, side=side, **where),
+        illumination=sg.light.CollimatedBeams.tilts(np.arcsin(np.array(tilts) * GRAIN), width=WIDTH, profile=profile),
+        sensor=sg.sensors.FarField.grid(shape=shape, pitch=pitch * GRAIN, side=side, **where),
     )  # fmt: skip
 
 
@@ -44,7 +44,8 @@ def sparse_scene(medium=None, views=6) -> sg.Scene:
     """Views 300 speckles apart: independent. That is several lambda / L: closer by, vertices of one path interfere, and
     the excess is above the promise (0.39 for 0.25 at 20 speckles in the second case of the test of the promise)."""
     line = np.stack([300 * GRAIN * np.arange(views), np.zeros(views)], 1)
-    return scene(tilts=[0.0], medium=medium).replace(sensor=sg.FarField(directions=directions_of_sines("v", line)))
+    return scene(tilts=[0.0],
+                 medium=medium).replace(sensor=sg.sensors.FarField(directions=directions_of_sines("v", line)))
 
 
 SAMPLERS = ["paths", "stationary"]
@@ -154,7 +155,8 @@ CASES = {
     "nufft": (scene(shape=(40, 41)), {"sampler": "paths"}), "direct": (sparse_scene(), {"sampler": "paths"}),
     "reversed": (scene(side="reflection"), {"reverse": True}), "stationary": (scene(), {"sampler": "stationary"}),
     "object": (
-        scene().replace(illumination=sg.IncoherentObject(brightness=[[1.0, 0.0], [0.5, 2.0]], pitch=1e-5, width=WIDTH)),
+        scene().replace(illumination=sg.light.IncoherentObject(brightness=[[1.0, 0.0], [0.5, 2.0]], pitch=1e-5,
+                                                               width=WIDTH)),
         {"sampler": "stationary"},
     ),
 }  # fmt: skip
@@ -193,7 +195,7 @@ def test_nufft_and_direct_render_the_same_field(monkeypatch):
     this = scene(shape=(40, 41))
     by_nufft = sg.render(this, paths=2000, seed=1, sampler="paths")
     assert by_nufft.report.summation == "nufft"
-    views = this.replace(sensor=sg.FarField(directions=this.sensor.directions))
+    views = this.replace(sensor=sg.sensors.FarField(directions=this.sensor.directions))
     # The pilots of the two scenes have different keys and so different thresholds: share the grid's proposal.
     made = sg.plan(this, paths=2000, sampler="paths")
     from specklegen.paths.phases import random_phases
@@ -230,19 +232,19 @@ def test_mean_field_carries_the_ballistic_power(profile):
     from specklegen.scene.window import Window
 
     this = scene(tilts=[0.0], shape=(801, 801), pitch=0.45, profile=profile)
-    total = np.square(np.abs(sg.mean_field(this))).sum() * (0.45 * GRAIN) ** 2
+    total = np.square(np.abs(sg.statistics.mean_field(this))).sum() * (0.45 * GRAIN) ** 2
     # The tails beyond 180 grains hold 2/(pi^2 180) of a square's power along each axis, and less of the others'.
     assert total == pytest.approx(Window(profile, WIDTH).area * np.exp(-2.0), rel=3e-3)
 
 
 def test_mean_field_follows_the_tilt_and_is_dark_in_reflection():
     this = scene(tilts=[0.0, 3.0], shape=(1, 21), pitch=0.5)
-    peaks = np.abs(sg.mean_field(this))[:, 0].argmax(axis=1)
+    peaks = np.abs(sg.statistics.mean_field(this))[:, 0].argmax(axis=1)
     assert peaks.tolist() == [10, 16]
-    assert not sg.mean_field(scene(side="reflection")).any()
-    obliquely = sg.CollimatedBeams.tilts([1.0], width=WIDTH)
-    there = sg.FarField(directions=obliquely.directions)
-    power = np.abs(sg.mean_field(this.replace(illumination=obliquely, sensor=there))).item() ** 2
+    assert not sg.statistics.mean_field(scene(side="reflection")).any()
+    obliquely = sg.light.CollimatedBeams.tilts([1.0], width=WIDTH)
+    there = sg.sensors.FarField(directions=obliquely.directions)
+    power = np.abs(sg.statistics.mean_field(this.replace(illumination=obliquely, sensor=there))).item() ** 2
     # Unit irradiance per area of the face: power A e^{-OD/cos} through a face of projected area A cos.
     assert power == pytest.approx((WIDTH**2 / WAVELENGTH) ** 2 * np.cos(1.0) * np.exp(-2.0 / np.cos(1.0)), rel=1e-9)
 
@@ -252,7 +254,7 @@ def test_the_mean_is_added_only_when_asked(sampler):
     this = scene()
     without = sg.render(this, paths=500, seed=1, realizations=2, sampler=sampler)
     added = sg.render(this, paths=500, seed=1, realizations=2, sampler=sampler, mean=True)
-    mean = sg.mean_field(this)
+    mean = sg.statistics.mean_field(this)
     np.testing.assert_allclose(added.field - without.field, np.stack([mean, mean]), atol=1e-6 * np.abs(mean).max())
     assert added.report.mean_added
     assert not without.report.mean_added
@@ -264,7 +266,7 @@ def test_no_warning_of_the_mean_where_it_is_weak():
     weak = scene(medium=slab(30.0), tilts=[0.0])
     strong = scene(medium=slab(10.0), tilts=[0.0])
     said = [next(v for v in sg.plan(s, paths=10).decisions if v.part.startswith("mean")).reason for s in (weak, strong)]
-    peak = np.square(np.abs(sg.mean_field(weak))).max()
+    peak = np.square(np.abs(sg.statistics.mean_field(weak))).max()
     assert "at most" in said[0], (said, peak)
     assert "mean=True adds it" in said[1]
 
@@ -308,11 +310,12 @@ def test_doubtful_assumptions_are_said():
 
 
 VERBS = {"render": lambda seen: sg.render(seen, paths=64, seed=0),
-         "render_tiles": lambda seen: sg.render_tiles(seen, paths=64, seed=0),
-         "render_partially_coherent": lambda seen: sg.render_partially_coherent(seen, 3 * WAVELENGTH / GRAIN, paths=64),
-         "transmission_matrix": lambda seen: sg.transmission_matrix(seen, paths=64),
-         "covariance": lambda seen: sg.covariance(seen, pairs=[[0, 0, 0, 0]], paths=64),
-         "covariance_blocks": lambda seen: sg.covariance_blocks(seen, rows=1, paths=64)}  # fmt: skip
+         "render_tiles": lambda seen: sg.results.render_tiles(seen, paths=64, seed=0),
+         "render_partially_coherent": lambda seen: sg.coherence.render_partially_coherent(seen, 3 * WAVELENGTH / GRAIN,
+                                                                                          paths=64),
+         "transmission_matrix": lambda seen: sg.statistics.transmission_matrix(seen, paths=64),
+         "covariance": lambda seen: sg.statistics.covariance(seen, pairs=[[0, 0, 0, 0]], paths=64),
+         "covariance_blocks": lambda seen: sg.statistics.covariance_blocks(seen, rows=1, paths=64)}  # fmt: skip
 
 
 @pytest.mark.filterwarnings("ignore:.*standard errors rest on")
@@ -353,7 +356,7 @@ def test_an_object_has_no_field_and_says_why():
     with pytest.raises(sg.RuleError, match=r"SpeckleStack.field .*IncoherentObject.*incoherent.*use \.intensity"):
         _ = stack.field
     assert_refused(lambda: sg.render(this, paths=500, mean=True), "mean must be False for an incoherent object")
-    assert_refused(lambda: sg.mean_field(this), "mean_field scene.illumination must be CollimatedBeams")
+    assert_refused(lambda: sg.statistics.mean_field(this), "mean_field scene.illumination must be CollimatedBeams")
 
 
 # ---- Threads and forks ---------------------------------------------------------------------------------
@@ -377,9 +380,9 @@ from torch.utils.data import DataLoader, Dataset
 
 def scene(sampler):
     return sg.Scene(
-        wavelength=0.5, medium=sg.Slab(thickness=100.0, mean_free_path=50.0, scatterer=sg.Isotropic()),
-        illumination=sg.CollimatedBeams.tilts([0.0, 1e-4], width=4000.0),
-        sensor=sg.FarField.grid(shape=(32, 33), pitch=6e-5),
+        wavelength=0.5, medium=sg.Slab(thickness=100.0, mean_free_path=50.0, scatterer=sg.media.Isotropic()),
+        illumination=sg.light.CollimatedBeams.tilts([0.0, 1e-4], width=4000.0),
+        sensor=sg.sensors.FarField.grid(shape=(32, 33), pitch=6e-5),
     )
 
 class Stacks(Dataset):
@@ -456,7 +459,7 @@ def test_stationary_stacks_are_drawn_on_one_thread(monkeypatch):
 
 def test_more_realizations_than_memory_holds_are_refused():
     """Before one is drawn: 1e9 of 512 views each; a raw MemoryError came when the first was there."""
-    slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
-    light = sg.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
-    scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.FarField.grid((16, 16), 2e-5))
+    slab = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.9))
+    light = sg.light.CollimatedBeams.tilts([0.0, 1e-4], width=5000.0)
+    scene = sg.Scene(wavelength=0.5, medium=slab, illumination=light, sensor=sg.sensors.FarField.grid((16, 16), 2e-5))
     assert_refused(lambda: sg.render(scene, realizations=10**9), "render realizations must be held within")

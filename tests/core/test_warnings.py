@@ -7,18 +7,20 @@ import pytest
 import specklegen as sg
 from specklegen.core.errors import warn_user
 
-SLAB = sg.Slab(thickness=0.4, mean_free_path=0.2, scatterer=sg.Isotropic(), motion=sg.Brownian(diffusion=1e-3))
-LIGHT = sg.CollimatedBeams.tilts([0.0, 1e-4], width=1.0)
-SCENE = sg.Scene(wavelength=0.5, medium=SLAB, illumination=LIGHT, sensor=sg.FarField.grid((1, 2), 1e-3))
+SLAB = sg.Slab(thickness=0.4, mean_free_path=0.2, scatterer=sg.media.Isotropic(),
+               motion=sg.media.Brownian(diffusion=1e-3))
+LIGHT = sg.light.CollimatedBeams.tilts([0.0, 1e-4], width=1.0)
+SCENE = sg.Scene(wavelength=0.5, medium=SLAB, illumination=LIGHT, sensor=sg.sensors.FarField.grid((1, 2), 1e-3))
 VERBS = {
     "render": lambda: sg.render(SCENE, paths=100, sampler="paths"),
-    "render_tiles": lambda: sg.render_tiles(SCENE, paths=100),
-    "render_partially_coherent": lambda: sg.render_partially_coherent(SCENE, 1.0, paths=100, sampler="paths"),
-    "transmission_matrix": lambda: sg.transmission_matrix(SCENE, paths=100),
-    "covariance": lambda: sg.covariance(SCENE, paths=100),
-    "covariance_blocks": lambda: sg.covariance_blocks(SCENE, rows=2, paths=100),
+    "render_tiles": lambda: sg.results.render_tiles(SCENE, paths=100),
+    "render_partially_coherent": lambda: sg.coherence.render_partially_coherent(SCENE, 1.0, paths=100, sampler="paths"),
+    "transmission_matrix": lambda: sg.statistics.transmission_matrix(SCENE, paths=100),
+    "covariance": lambda: sg.statistics.covariance(SCENE, paths=100),
+    "covariance_blocks": lambda: sg.statistics.covariance_blocks(SCENE, rows=2, paths=100),
     "memory_effect": lambda: sg.memory_effect(SLAB, wavelength=0.5, tilts=[0.0, 1e-3], paths=100),
-    "temporal_correlation": lambda: sg.temporal_correlation(SLAB, wavelength=0.5, lags=[0.0, 1.0], paths=100),
+    "temporal_correlation": lambda: sg.statistics.temporal_correlation(SLAB, wavelength=0.5, lags=[0.0, 1.0],
+                                                                       paths=100),
 }
 
 

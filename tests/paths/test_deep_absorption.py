@@ -19,18 +19,20 @@ AHEAD, BACK, ASIDE = [0.0, 0.0, 1.0], [0.6, 0.0, -0.8], [1.0, 0.0, 0.0]
 
 
 def slab(albedo: float, optical_depth: float, g: float = 0.0) -> sg.Slab:
-    scatterer = sg.HenyeyGreenstein(g=g) if g else sg.Isotropic()
+    scatterer = sg.media.HenyeyGreenstein(g=g) if g else sg.media.Isotropic()
     return sg.Slab(thickness=25.0 * optical_depth, mean_free_path=25.0, albedo=albedo, scatterer=scatterer)
 
 
-def box(albedo: float, optical_depth: float, dimensions: int = 3) -> sg.Box:
+def box(albedo: float, optical_depth: float, dimensions: int = 3) -> sg.media.Box:
     corners = np.array([[-200.0, -200.0, 0.0], [200.0, 200.0, 25 * optical_depth]])[:, -dimensions:]
-    return sg.Box(lower=corners[0], upper=corners[1], mean_free_path=25.0, albedo=albedo, scatterer=sg.Isotropic())
+    return sg.media.Box(lower=corners[0], upper=corners[1], mean_free_path=25.0, albedo=albedo,
+                        scatterer=sg.media.Isotropic())
 
 
 def scene(medium: sg.Slab, sensor=None, side="transmission") -> sg.Scene:
-    return sg.Scene(wavelength=0.5, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, 1e-5], width=5000.0),
-                    sensor=sensor or sg.FarField.grid(shape=(6, 6), pitch=4e-5, side=side))  # fmt: skip
+    return sg.Scene(wavelength=0.5, medium=medium,
+                    illumination=sg.light.CollimatedBeams.tilts([0.0, 1e-5], width=5000.0),
+                    sensor=sensor or sg.sensors.FarField.grid(shape=(6, 6), pitch=4e-5, side=side))  # fmt: skip
 
 
 def unseen(made: sg.Scene) -> float:
@@ -39,17 +41,17 @@ def unseen(made: sg.Scene) -> float:
 
 def seen(medium, *views) -> sg.Scene:
     """A plane wave on a box, seen from afar."""
-    flat = isinstance(medium, sg.Box) and len(medium.lower) == 2
-    light = sg.PlaneWaves(directions=[[0.0, 1.0] if flat else AHEAD])
-    return sg.Scene(wavelength=1.0, medium=medium, illumination=light, sensor=sg.FarField(directions=views))
+    flat = isinstance(medium, sg.media.Box) and len(medium.lower) == 2
+    light = sg.light.PlaneWaves(directions=[[0.0, 1.0] if flat else AHEAD])
+    return sg.Scene(wavelength=1.0, medium=medium, illumination=light, sensor=sg.sensors.FarField(directions=views))
 
 
 def layers(albedo: float, optical_depth: float) -> sg.Scene:
     """A thin layer that does not absorb before a deep one that does, of the same scatterers."""
     optical = np.repeat([0.5, 0.5, optical_depth / 2, optical_depth / 2], 4).reshape(4, 2, 2)
-    medium = sg.VoxelGrid(lower=[-100, -100, 0], upper=[100, 100, 1000], extinction=optical / 250,
+    medium = sg.media.VoxelGrid(lower=[-100, -100, 0], upper=[100, 100, 1000], extinction=optical / 250,
                           albedo=np.repeat([1.0, 1.0, albedo, albedo], 4).reshape(4, 2, 2),
-                          scatterers=(sg.Isotropic(),))  # fmt: skip
+                          scatterers=(sg.media.Isotropic(),))  # fmt: skip
     return seen(medium, AHEAD)
 
 
@@ -81,8 +83,8 @@ def test_its_curve_is_that_of_the_transfer_equation():
 def test_a_planned_render_is_right_within_its_error(albedo, depth):
     """Five seeds of rel_error 0.05: analog paths gave 0.13 to 0.28 of the light, 0.045 and 2e-16 of it."""
     sines = 2e-3 * np.stack(np.meshgrid(np.arange(4), np.arange(4)), -1).reshape(-1, 2)  # 20 grains apart: independent
-    views = sg.FarField(directions=np.column_stack([sines, np.sqrt(1 - np.square(sines).sum(-1))]))
-    made = scene(slab(albedo, depth), views).replace(illumination=sg.CollimatedBeams.tilts([0.0], width=5000.0))
+    views = sg.sensors.FarField(directions=np.column_stack([sines, np.sqrt(1 - np.square(sines).sum(-1))]))
+    made = scene(slab(albedo, depth), views).replace(illumination=sg.light.CollimatedBeams.tilts([0.0], width=5000.0))
     plan = sg.plan(made, rel_error=0.05, sampler="paths")
     assert plan.expected_error <= 0.05
     assert plan.paths < 10_000
@@ -97,15 +99,16 @@ def test_a_planned_render_is_right_within_its_error(albedo, depth):
 
 @pytest.mark.parametrize("made", [
     seen(box(0.9, 40.0), AHEAD), seen(box(0.9, 40.0, dimensions=2), [0.0, 1.0]),
-    scene(slab(0.9, 40.0), sg.NearField(points=[[0.0, 0.0, 1100.0]])),
-    seen(sg.VoxelGrid(lower=[-100, -100, 0], upper=[100, 100, 1000], extinction=np.full((4, 2, 2), 0.04), albedo=0.9,
-                      scatterers=(sg.Isotropic(),)), AHEAD),
+    scene(slab(0.9, 40.0), sg.sensors.NearField(points=[[0.0, 0.0, 1100.0]])),
+    seen(sg.media.VoxelGrid(lower=[-100, -100, 0], upper=[100, 100, 1000], extinction=np.full((4, 2, 2), 0.04),
+                            albedo=0.9,
+                      scatterers=(sg.media.Isotropic(),)), AHEAD),
     layers(0.9, 40.0),
 ], ids=["box", "flatland", "near", "voxels", "layers"])  # fmt: skip
 def test_so_are_those_through_any_geometry(made):
     assert unseen(made) > 1e6
     with pytest.raises(RuleError, match="covariance paths must be enough that light crosses"):
-        sg.covariance(made, paths=1000, reverse=False)
+        sg.statistics.covariance(made, paths=1000, reverse=False)
     assert_refused(lambda: sg.plan(made, paths=1000, reverse=False), "plan paths must be enough")
 
 
@@ -115,13 +118,13 @@ def test_light_falls_by_the_decay_of_each_material_that_it_crosses():
     assert deep / 3 < unseen(whole) < 3 * deep
     assert unseen(layers(1.0, 40.0)) == 0
     many = np.linspace(0.8, 0.9, 400).reshape(100, 2, 2)
-    grid = sg.VoxelGrid(lower=[-200, -200, 0], upper=[200, 200, 1000], extinction=np.full(many.shape, 0.04),
-                        albedo=many, scatterers=(sg.Isotropic(),))  # fmt: skip
+    grid = sg.media.VoxelGrid(lower=[-200, -200, 0], upper=[200, 200, 1000], extinction=np.full(many.shape, 0.04),
+                        albedo=many, scatterers=(sg.media.Isotropic(),))  # fmt: skip
     assert unseen(whole) < unseen(seen(grid, AHEAD)) < unseen(seen(box(0.8, 40.0), AHEAD))
 
 
 def test_what_paths_see_is_answered():
-    point = sg.NearField(points=[[0.0, 0.0, -10.0]])
+    point = sg.sensors.NearField(points=[[0.0, 0.0, -10.0]])
     lit = [seen(box(0.9, 40.0), BACK), seen(box(0.9, 40.0), ASIDE), seen(box(1.0, 40.0), AHEAD),
            seen(box(0.9, 3.0), AHEAD), scene(slab(0.9, 40.0), point),
            scene(slab(0.5, 40.0), side="reflection")]  # fmt: skip
@@ -147,8 +150,8 @@ def test_the_variance_is_that_of_paths_where_they_can_tell():
 
 @pytest.mark.parametrize("albedo", [0.3, 0.9, 0.999])
 def test_light_falls_in_flatland_as_the_closed_form_says(albedo):
-    assert flat_decay(sg.Isotropic(), albedo) == pytest.approx(np.sqrt(1 - albedo**2), rel=1e-3)
-    assert flat_decay(sg.Isotropic(), 1.0) == 0
+    assert flat_decay(sg.media.Isotropic(), albedo) == pytest.approx(np.sqrt(1 - albedo**2), rel=1e-3)
+    assert flat_decay(sg.media.Isotropic(), 1.0) == 0
     assert crossing_variance(0.5, 3.0) == 0
 
 
@@ -157,12 +160,12 @@ def test_dark_views_beside_bright_ones_are_told():
     """Optical depth 40, albedo 0.9: single scattering was 0.11 of exact at the dark view, without a word."""
     both = seen(box(0.9, 40.0), BACK, AHEAD)
     with pytest.warns(DoubtWarning, match="dark views: .*of the brightest.*scene of their own"):
-        sg.covariance(both, paths=2000, reverse=False)
+        sg.statistics.covariance(both, paths=2000, reverse=False)
     with pytest.warns(DoubtWarning, match="dark views"):
         sg.render(both, paths=2000, reverse=False)
     with pytest.warns(DoubtWarning, match="dark views"):
-        next(iter(sg.covariance_blocks(both, rows=1, paths=2000, reverse=False)))
-    two_sides = scene(slab(0.9, 40.0), sg.FarField(directions=[BACK, AHEAD]))
+        next(iter(sg.statistics.covariance_blocks(both, rows=1, paths=2000, reverse=False)))
+    two_sides = scene(slab(0.9, 40.0), sg.sensors.FarField(directions=[BACK, AHEAD]))
     assert any("dark views" in doubt for doubt in sg.plan(two_sides, paths=2000).doubts)
     assert "dark views: used: some are found" in sg.plan(two_sides, paths=2000).explain()
 
@@ -170,6 +173,6 @@ def test_dark_views_beside_bright_ones_are_told():
 def test_views_that_are_lit_alike_are_not():
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        sg.covariance(seen(box(1.0, 5.0), BACK, AHEAD), paths=2000, reverse=False)
+        sg.statistics.covariance(seen(box(1.0, 5.0), BACK, AHEAD), paths=2000, reverse=False)
         sg.render(seen(box(0.9, 2.0), BACK, AHEAD, ASIDE), paths=2000, reverse=False)
     assert [str(each.message) for each in said if issubclass(each.category, DoubtWarning)] == []

@@ -30,7 +30,7 @@ _DRAWS = 200_000
 def thin_covariance() -> Row:
     """All entries of C at optical depth 1e-6, whose multiple scattering is some 1e-5 of it."""
     made = scene(slab(1e-6), beams([0.0, 0.02]))
-    right, ours = exact_single(made), sg.covariance(made, paths=64 * 200, seed=1, reverse=False)
+    right, ours = exact_single(made), sg.statistics.covariance(made, paths=64 * 200, seed=1, reverse=False)
     return measured("OD 1e-6: covariance", "Eq. 41, closed form", right, ours.value, ours.standard_error,
                     slack=2e-5 * np.abs(right).max())  # fmt: skip
 
@@ -38,7 +38,8 @@ def thin_covariance() -> Row:
 def thin_error() -> Row:
     """The relative standard error of the same run does not grow as the medium thins."""
     errors = [
-        sg.covariance(scene(slab(depth)), paths=64 * 200, seed=1, reverse=False).rel_error for depth in (1e-3, 1e-6)
+        sg.statistics.covariance(scene(slab(depth)), paths=64 * 200, seed=1, reverse=False).rel_error
+        for depth in (1e-3, 1e-6)
     ]
     return within("OD 1e-6: relative standard error against that of OD 1e-3", REQUIRED, *errors, allowed=0.1)
 
@@ -57,7 +58,7 @@ def thin_orders() -> Row:
 def anisotropy() -> Row:
     """Mean cosines of what the engine draws; the standard deviation is sqrt((1 - g^2)/3)."""
     g = np.array(_ANISOTROPIES)
-    drawn = np.array([1 - _drawn(sg.HenyeyGreenstein(g=float(each))).mean() for each in g])
+    drawn = np.array([1 - _drawn(sg.media.HenyeyGreenstein(g=float(each))).mean() for each in g])
     return measured("g = -0.99, 0, 0.999, 0.99999: mean cosine", "definition", g, drawn,
                     np.sqrt((1 - g**2) / 3 / _DRAWS), batches=_DRAWS)  # fmt: skip
 
@@ -67,7 +68,7 @@ def anisotropy_single() -> Row:
     rights, ours, errors = [], [], []
     for g in _ANISOTROPIES:
         made = scene(slab(1.0, g), beams([0.0, 0.01]))
-        found = sg.covariance(made, paths=64 * 100, seed=2, reverse=False)
+        found = sg.statistics.covariance(made, paths=64 * 100, seed=2, reverse=False)
         diagonal = np.sqrt(np.einsum("tvtv->tv", exact_single(made)).real)
         scale = diagonal[:, :, None, None] * diagonal
         rights.append(exact_single(made) / scale)
@@ -79,18 +80,20 @@ def anisotropy_single() -> Row:
 def anisotropy_refused() -> Row:
     """The limits themselves have no density."""
     return refused("g = -1, 1", REQUIRED,
-                   [(lambda g=g: sg.HenyeyGreenstein(g=g), ["HenyeyGreenstein.g"]) for g in (1.0, -1.0)])  # fmt: skip
+                   [(lambda g=g: sg.media.HenyeyGreenstein(g=g), ["HenyeyGreenstein.g"])
+                    for g in (1.0, -1.0)])  # fmt: skip
 
 
 def albedo_zero() -> Row:
     """A medium that only absorbs."""
     made = scene(slab(2.0, albedo=0.0))
-    box = scene(cube(50.0, 20.0, albedo=0.0), sg.PlaneWaves(directions=[AXIS]))
+    box = scene(cube(50.0, 20.0, albedo=0.0), sg.light.PlaneWaves(directions=[AXIS]))
     stack = sg.render(made, paths=1000, mean=True)
     return holds(
         "albedo 0", REQUIRED, "the field is the mean, nothing is traced",
-        {"render = mean field": np.array_equal(stack.field, sg.mean_field(made).astype(np.complex64)),
-         "C = 0 in a slab and in a box": not any(sg.covariance(s, paths=100).value.any() for s in (made, box)),
+        {"render = mean field": np.array_equal(stack.field, sg.statistics.mean_field(made).astype(np.complex64)),
+         "C = 0 in a slab and in a box": not any(sg.statistics.covariance(s, paths=100).value.any()
+                                                 for s in (made, box)),
          "no scattering event": volume_tracer(box, False).trace(0, 1000).events == 0},
     )  # fmt: skip
 
@@ -98,7 +101,7 @@ def albedo_zero() -> Row:
 def albedo_tiny() -> Row:
     """Single scattering is proportional to the albedo, and nothing else is left at 1e-12."""
     right = exact_single(scene(slab(1.0, albedo=1e-12)))
-    found = sg.covariance(scene(slab(1.0, albedo=1e-12)), paths=64 * 200, seed=3, reverse=False)
+    found = sg.statistics.covariance(scene(slab(1.0, albedo=1e-12)), paths=64 * 200, seed=3, reverse=False)
     return measured("albedo 1e-12: C", "Eq. 41", right, found.value, found.standard_error)
 
 
@@ -142,9 +145,9 @@ def deep_refused() -> Row:
         "OD 40, albedo 0.5, paths that are not drawn across", REQUIRED,
         [
             (lambda: sg.plan(scene(medium, sensor=views(AXIS)), paths=10**6, reverse=True), words),
-            (lambda: sg.covariance(scene(medium, sensor=views(AXIS)), paths=1000), words),
+            (lambda: sg.statistics.covariance(scene(medium, sensor=views(AXIS)), paths=1000), words),
             (lambda: sg.memory_effect(medium, wavelength=1.0, tilts=[0.0], reverse=True), words),
-            (lambda: sg.plan(scene(cube(100.0, 2.5, albedo=0.5), sg.PlaneWaves(directions=[AXIS]), views(AXIS)),
+            (lambda: sg.plan(scene(cube(100.0, 2.5, albedo=0.5), sg.light.PlaneWaves(directions=[AXIS]), views(AXIS)),
                              paths=10**6), words),
         ],
     )  # fmt: skip
@@ -167,7 +170,7 @@ def dense() -> Row:
     made = scene(slab(20.0, thickness=10.0))
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        found = sg.covariance(made, paths=64, seed=5)
+        found = sg.statistics.covariance(made, paths=64, seed=5)
         curve = sg.memory_effect(made.slab, wavelength=1.0, tilts=[0.0, 0.01], paths=64)
     return holds(
         "mean free path below the wavelength", REQUIRED, "a warning, and finite results",
@@ -188,7 +191,7 @@ def _refused(call) -> bool:
 def zero_thickness() -> Row:
     """A slab of no depth."""
     made = scene(slab(1.0).replace(thickness=0.0))
-    found = sg.covariance(made, paths=640)
+    found = sg.statistics.covariance(made, paths=640)
     return holds(
         "zero thickness", REQUIRED, "C = 0; no 0/0",
         {
@@ -202,19 +205,20 @@ def zero_thickness() -> Row:
     )  # fmt: skip
 
 
-def _voxels(extinction, *, albedo=1.0) -> sg.VoxelGrid:
-    return sg.VoxelGrid(lower=[-10, -10, 0], upper=[10, 10, 20], extinction=extinction, albedo=albedo,
-                        scatterers=(sg.Isotropic(),))  # fmt: skip
+def _voxels(extinction, *, albedo=1.0) -> sg.media.VoxelGrid:
+    return sg.media.VoxelGrid(lower=[-10, -10, 0], upper=[10, 10, 20], extinction=extinction, albedo=albedo,
+                        scatterers=(sg.media.Isotropic(),))  # fmt: skip
 
 
 def voxels_vacuum() -> Row:
     """Light crosses empty voxels: a grid filled in its lower half only is a box half as high."""
     extinction = np.zeros((4, 2, 2))
     extinction[:2] = 0.1
-    light, sensor = sg.PlaneWaves(directions=unit([0, 0, 1], [0.1, 0, 1])), views([0, 0, 1], [0.2, 0, 1], [0, 0.1, -1])
-    box = sg.Box(lower=[-10, -10, 0], upper=[10, 10, 10], mean_free_path=10.0, scatterer=sg.Isotropic())
+    light, sensor = sg.light.PlaneWaves(directions=unit([0, 0, 1], [0.1, 0, 1])),
+    views([0, 0, 1], [0.2, 0, 1], [0, 0.1, -1])
+    box = sg.media.Box(lower=[-10, -10, 0], upper=[10, 10, 10], mean_free_path=10.0, scatterer=sg.media.Isotropic())
     one, two = (
-        sg.covariance(scene(medium, light, sensor), paths=64 * 500, seed=seed, reverse=False)
+        sg.statistics.covariance(scene(medium, light, sensor), paths=64 * 500, seed=seed, reverse=False)
         for medium, seed in ((_voxels(extinction), 1), (box, 2))
     )
     error = np.hypot(one.standard_error, two.standard_error)
@@ -225,9 +229,9 @@ def voxels_dense() -> Row:
     """One black voxel 1e6 times denser: what is behind it is dark, the rest is a box, and no walk is slowed."""
     extinction, albedo = np.full((2, 2, 2), 1e-3), np.ones((2, 2, 2))
     extinction[0, 0, 0], albedo[0, 0, 0] = 1e3, 0.0
-    light, sensor = sg.PlaneWaves(directions=[AXIS]), views([0, 0, 1], [0.1, 0.3, 1])
+    light, sensor = sg.light.PlaneWaves(directions=[AXIS]), views([0, 0, 1], [0.1, 0.3, 1])
     made = scene(_voxels(extinction, albedo=albedo), light, sensor, 1e-4)
-    found = sg.covariance(made, paths=64 * 500, seed=1, reverse=False)
+    found = sg.statistics.covariance(made, paths=64 * 500, seed=1, reverse=False)
     # Along the axis the shadow is one of four columns; its voxel scatters nothing, nor does what lies above it.
     right = 3 * 10 * 10 * 20 * 1e-3 * np.exp(-0.02) / (4 * np.pi)
     return measured("one voxel 1e6 times denser, black", "Eq. 41 of the three open columns", right,
@@ -247,10 +251,10 @@ def _drawn(scatterer, seed: int = 7) -> np.ndarray:
     return out
 
 
-def _table(amplitude: Callable = lambda s: s) -> sg.Tabulated:
+def _table(amplitude: Callable = lambda s: s) -> sg.media.Tabulated:
     """A spike of a hundredth of a milliradian, and nothing between 1 and 2 radians."""
     theta = [0.0, 0.5, 0.50001, 0.50002, 1.0, 2.0, np.pi]
-    return sg.Tabulated(theta=theta, amplitude=amplitude(np.array([1.0, 0.5, 300.0, 0.5, 0.0, 0.0, 1j])))
+    return sg.media.Tabulated(theta=theta, amplitude=amplitude(np.array([1.0, 0.5, 300.0, 0.5, 0.0, 0.0, 1j])))
 
 
 def tabulated_sampler() -> Row:
@@ -273,11 +277,11 @@ def tabulated_refused() -> Row:
     """Tables that are none."""
     theta, ones = np.linspace(0, np.pi, 4), np.ones(4)
     calls = [
-        (lambda: sg.Tabulated(theta=theta - 0.1, amplitude=ones), ["Tabulated.theta", "at least 0"]),
-        (lambda: sg.Tabulated.from_power(theta, -ones), ["power", "at least 0"]),
-        (lambda: sg.Tabulated(theta=theta, amplitude=ones * np.nan), ["Tabulated.amplitude", "finite"]),
-        (lambda: sg.Tabulated(theta=theta[[0, 2, 1, 3]], amplitude=ones), ["Tabulated.theta", "rising"]),
-        (lambda: sg.Tabulated(theta=theta, amplitude=0 * ones), ["Tabulated.amplitude", "other than 0"]),
+        (lambda: sg.media.Tabulated(theta=theta - 0.1, amplitude=ones), ["Tabulated.theta", "at least 0"]),
+        (lambda: sg.media.Tabulated.from_power(theta, -ones), ["power", "at least 0"]),
+        (lambda: sg.media.Tabulated(theta=theta, amplitude=ones * np.nan), ["Tabulated.amplitude", "finite"]),
+        (lambda: sg.media.Tabulated(theta=theta[[0, 2, 1, 3]], amplitude=ones), ["Tabulated.theta", "rising"]),
+        (lambda: sg.media.Tabulated(theta=theta, amplitude=0 * ones), ["Tabulated.amplitude", "other than 0"]),
     ]
     return refused("tables: negative angle or density, NaN, unsorted, dark", REQUIRED, calls)
 
