@@ -29,6 +29,7 @@ class FakeRecipe:
     fails_at: int = -1
     seconds: float = 0.0
     log: str = ""
+    ballast: bytes = b""
 
     def canonical_json(self) -> str:
         medium = {"thickness": self.thickness, "layers": [{"g": 0.9}, {"g": 0.5}]}

@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 from specklegen.core.errors import reject
@@ -60,17 +61,15 @@ def run(
         import cloudpickle
         from distributed import as_completed
 
-        futures = client.map(
+        task = partial(  # keywords of map above 100 kB fail in distributed 2026.8
             fill,
-            shards,
             folder=store.folder,
             fingerprint=store.fingerprint,
             recipe=cloudpickle.dumps(recipe),  # as bytes, since reading a recipe loads Numba
             wait=wait,
             caller=os.getpid(),
-            retries=RETRIES,
-            pure=False,
         )
+        futures = client.map(task, shards, retries=RETRIES, pure=False)
         shard_of = dict(zip(futures, shards, strict=True))
         try:
             for future in as_completed(futures, loop=client.loop):

@@ -100,6 +100,12 @@ def test_an_address_and_a_cluster_will_do(tmp_path, client, plain, kind):
     assert client.status == "running"
 
 
+def test_a_large_recipe_is_sent(tmp_path, client, plain):
+    """As one is that has cached correlations: distributed fails at keywords above 100 kB."""
+    make(tmp_path / "a.zarr", FakeRecipe(ballast=bytes(200_000)), cluster=client)
+    assert contents(tmp_path / "a.zarr") == plain
+
+
 def test_outcomes_are_small(tmp_path):
     make(tmp_path / "a.zarr", shard_range=(0, 10), processes=1)
     folder = tmp_path / "a.zarr"
