@@ -91,15 +91,19 @@ def trial(place: Callable[[], Any], kills: list[int], reference: dict[str, bytes
     return died
 
 
-def run(trials: int, place_of: Callable[[int], Callable[[], Any]], room: Path, seed: int = 0) -> int:
-    """Run trials of one to three processes; return how many of them died."""
+def run(
+    trials: int, place_of: Callable[[int], Callable[[], Any]], room: Path, seed: int = 0, minutes: float = 60.0
+) -> tuple[int, int]:
+    """Run trials of one to three processes, for some minutes at most; return how many, and how many processes died."""
     make(room / "a.zarr", RECIPE)
-    reference, draws, died = contents(room / "a.zarr"), random.Random(seed), 0
+    reference, draws, died, number = contents(room / "a.zarr"), random.Random(seed), 0, 0
+    end = time.monotonic() + 60 * minutes
     with quick_claims():
-        for number in range(trials):
+        while number < trials and time.monotonic() < end:
             kills = [draws.choice([0, draws.randint(1, 14), draws.randint(1, PUTS)]) for _ in range(1 + number % 3)]
             died += trial(place_of(number), kills, reference, room)
-    return died
+            number += 1
+    return number, died
 
 
 def bucket(room: Path) -> Callable[[int], Callable[[], Any]]:
@@ -133,11 +137,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--minutes", type=float, default=60.0, help="at most")
     parser.add_argument("--server", action="store_true")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         if not arguments.server:
-            died = run(arguments.trials, bucket(Path(folder)), Path(folder), arguments.seed)
+            made, died = run(arguments.trials, bucket(Path(folder)), Path(folder), arguments.seed, arguments.minutes)
         else:
             from upath import UPath
 
@@ -159,10 +164,10 @@ def main() -> None:
                 return lambda: reached(number)
 
             try:
-                died = run(arguments.trials, place_of, Path(folder), arguments.seed)
+                made, died = run(arguments.trials, place_of, Path(folder), arguments.seed, arguments.minutes)
             finally:
                 server.kill()
-    print(f"{arguments.trials} trials of 1 to 3 processes, {died} of them killed, nothing lost")
+    print(f"{made} trials of 1 to 3 processes, {died} of them killed, nothing lost")
 
 
 if __name__ == "__main__":
