@@ -11,7 +11,7 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-MOST = 26
+MOST = 25
 """Lines there are; a test holds the library to it. Lower it with them."""
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("specklegen", "datasets", "models")

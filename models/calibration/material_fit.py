@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any, NamedTuple, Unpack
+from typing import Annotated, Any, NamedTuple, Unpack, cast
 
 import numpy as np
 import tomli_w
@@ -202,10 +202,9 @@ class MaterialFit(Pictured):
     @property
     def slab(self) -> Slab:
         """The slab that fits best."""
-        slab = self.media[0]
-        if isinstance(self.problem, Surface) or not isinstance(slab, Slab):
+        if isinstance(self.problem, Surface):
             reject("MaterialFit.slab", "asked of a fit without a model", self, "Take media: one for each observation.")
-        return slab
+        return cast(Slab, self.media[0])
 
     @property
     def values(self) -> dict[str, float]:

@@ -40,11 +40,12 @@ def read_video(path: Path, most_pixels: int) -> np.ndarray:
         raise ImportError(f'{path} needs PyAV: pip install "specklegen-torch[video]"', name="av") from None
     frames: list[np.ndarray] = []
     with av.open(str(path.absolute()), format=_CONTAINERS[path.suffix.lower()]) as film:
-        if not film.streams.video:
+        films = list(film.streams.video)
+        if not films:
             raise ValueError("it holds no frames")
-        if len(film.streams.video) > 1:
-            raise ValueError(f"it holds {len(film.streams.video)} films: write each to a file of its own")
-        context = film.streams.video[0].codec_context
+        if len(films) > 1:
+            raise ValueError(f"it holds {len(films)} films: write each to a file of its own")
+        context = films[0].codec_context
         codec, pixels, size = context.name, str(context.pix_fmt), context.width * context.height
         if codec not in _LOSSLESS:
             raise ValueError(f"its codec {codec} loses noise: let the camera write raw or FFV1 films, TIFF, PNG or BMP")

@@ -18,7 +18,6 @@ from specklegen.scene.layers import PlaneParallel
 from specklegen.scene.media import AnyMedium, Medium, Slab, as_slab, require_medium
 from specklegen.scene.motion import flow_rows, law_of, reduced_time
 from specklegen.scene.polarisation import Polarisers
-from specklegen.scene.scatterers import Mie, PercusYevick
 from specklegen.scene.schematic import draw_scene
 from specklegen.scene.screens import ScreenStack, require_thin
 from specklegen.scene.sensors import AnySensor, FarFieldGrid
@@ -239,7 +238,7 @@ class Scene(Value, Pictured):
     def _require_wavelength(self) -> None:
         """Refuse spheres made for another wavelength."""
         for particle in (p for scatterer in self.volume.scatterers for p, _ in scatterer.components):
-            made = particle.wavelength if isinstance(particle, Mie | PercusYevick) else None
+            made = particle.made_for
             if made is not None and abs(made / self.wavelength - 1) > 1e-9:
                 reject(f"{particle.type}.wavelength", f"that of the scene, {self.wavelength:g}", made,
                        "Both are the wavelength inside the medium.")  # fmt: skip

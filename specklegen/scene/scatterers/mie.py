@@ -125,6 +125,11 @@ class Mie(_WithAnisotropy):
         # Eight nodes to the period of the fastest term, 2 pi / x.
         return tabulated(self.exact_amplitude, "Mie", 33 + 4 * math.ceil(self.size_parameter))
 
+    @property
+    def made_for(self) -> float:
+        """Its wavelength."""
+        return self.wavelength
+
     def exact_amplitude(self, theta: np.ndarray) -> np.ndarray:
         """Complex amplitude s, per root steradian, at the scattering angle, from the Mie series itself."""
         # Exactly backward S1 + S2 is 0 and would have the phase of its rounding: stay a hair's breadth away.

@@ -12,7 +12,7 @@ Lett. 65, 512 (1990), measured that transport lengths follow it.
 
 import math
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,6 @@ from specklegen.core.quadrature import gauss_legendre
 from specklegen.core.quantities import with_units
 from specklegen.core.units import LENGTH, RADIAN, WAVELENGTH
 from specklegen.core.values import Positive, read_only
-from specklegen.scene.scatterers.mie import Mie
 from specklegen.scene.scatterers.scatterer import AnyScatterer, Dimensions, _WithAnisotropy
 from specklegen.scene.scatterers.tabulated import Tabulated, tabulated
 
@@ -85,13 +84,13 @@ class PercusYevick(_WithAnisotropy):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        inner = self.scatterer
-        if isinstance(inner, PercusYevick) or inner.components != ((inner, 1.0),):
+        inner: Any = self.scatterer
+        if inner.type == self.type or inner.components != ((inner, 1.0),):
             reject("PercusYevick.scatterer", "one type of particle by itself", inner)
         if self.volume_fraction > DENSEST:
             reject("PercusYevick.volume_fraction", f"at most {DENSEST:g}", self.volume_fraction,
                    "Hard spheres freeze at 0.494; the approximation holds of fluids.")  # fmt: skip
-        if isinstance(inner, Mie):
+        if inner.made_for is not None:
             if self.wavelength is not None and abs(self.wavelength / inner.wavelength - 1) > 1e-9:
                 reject("PercusYevick.wavelength", f"that of the sphere, {inner.wavelength:g}", self.wavelength,
                        "Leave it out.")  # fmt: skip
@@ -109,6 +108,11 @@ class PercusYevick(_WithAnisotropy):
         assert self.wavelength is not None
         q = 4 * np.pi / self.wavelength * np.sin(np.asarray(theta, np.float64) / 2)
         return structure_factor(q * self.diameter, self.volume_fraction)
+
+    @property
+    def made_for(self) -> float | None:
+        """Its wavelength."""
+        return self.wavelength
 
     @property
     def number_density(self) -> float:
@@ -135,8 +139,8 @@ class PercusYevick(_WithAnisotropy):
     @property
     def _cross_sections(self) -> tuple[float, float]:
         """Scattering and absorption of one sphere in the crowd."""
-        sphere = self.scatterer
-        if not isinstance(sphere, Mie):
+        sphere: Any = self.scatterer
+        if sphere.made_for is None:
             reject("PercusYevick.mean_free_path", "asked of Mie spheres, whose cross-section is known", sphere,
                    "Divide the mean free path of independent particles by cross_section_ratio.")  # fmt: skip
         scattered = sphere.scattering_cross_section
@@ -153,9 +157,7 @@ class PercusYevick(_WithAnisotropy):
         size = 2 * math.pi * self.diameter / self.wavelength  # eight nodes to a period of S
 
         def amplitude(theta: np.ndarray) -> np.ndarray:
-            one = self.scatterer
-            s = one.exact_amplitude(theta) if isinstance(one, Mie) else one.amplitude(np.cos(theta))
-            return s * np.sqrt(self.structure_factor(theta))
+            return self.scatterer.exact_amplitude(theta) * np.sqrt(self.structure_factor(theta))
 
         return tabulated(amplitude, "PercusYevick", 129 + 8 * math.ceil(size))
 

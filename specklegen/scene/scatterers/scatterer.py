@@ -135,6 +135,15 @@ class Scatterer(Admitted, Pictured):
         reject(f"{self.type}.amplitude_matrix", "asked of Mie or Rayleigh particles", self.type,
                'Its polarisation is known by the model "projector" alone.')  # fmt: skip
 
+    def exact_amplitude(self, theta: np.ndarray) -> np.ndarray:
+        """Amplitude s, per root steradian, at the scattering angle, without a table where there is a formula."""
+        return self.amplitude(np.cos(theta))
+
+    @property
+    def made_for(self) -> float | None:
+        """Wavelength inside the medium that the particles are made for; None of those of any wavelength."""
+        return None
+
     @property
     def has_matrix(self) -> bool:
         """True if its amplitudes S1 and S2 are known."""
