@@ -376,7 +376,7 @@ def fit_material(
     model
         A function that takes the free numbers by name, and returns the `Slab` or `Layers` of all observations, or a
         sequence of one for each (several thicknesses, separate numbers). Angles of tilts are those inside
-        ``faces.inside``.
+        ``faces.inside``. Without it one slab is fitted by the lookup table.
     known
         Numbers that are known, by name: "thickness", "mean_free_path", "g", "albedo", "diffusion". Without it the
         albedo is 1. With a model, none: write them into the function.

@@ -225,7 +225,7 @@ def test_the_list_of_formats_is_the_true_one(tmp_path):
         read_measurement(tmp_path / "a.xyz")
     listed = re.findall(r"\.\w+(?=[,;])", str(refused.value).partition("end in")[2])
     assert tuple(listed) == FRAME_FILES
-    page = (ROOT / "docs" / "measured.md").read_text().partition("## Which files")[2].partition("##")[0].lower()
+    page = (ROOT / "docs" / "measured.md").read_text().partition("## Read frames")[2].partition("##")[0].lower()
     names = {".tif": "tiff", ".h5": "hdf5", ".mat": "matlab"}
     assert all(str(names.get(ending, ending.strip("."))) in page for ending in listed)
     for ending in listed:

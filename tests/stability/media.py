@@ -214,8 +214,8 @@ def voxels_vacuum() -> Row:
     """Light crosses empty voxels: a grid filled in its lower half only is a box half as high."""
     extinction = np.zeros((4, 2, 2))
     extinction[:2] = 0.1
-    light, sensor = sg.light.PlaneWaves(directions=unit([0, 0, 1], [0.1, 0, 1])),
-    views([0, 0, 1], [0.2, 0, 1], [0, 0.1, -1])
+    light = sg.light.PlaneWaves(directions=unit([0, 0, 1], [0.1, 0, 1]))
+    sensor = views([0, 0, 1], [0.2, 0, 1], [0, 0.1, -1])
     box = sg.media.Box(lower=[-10, -10, 0], upper=[10, 10, 10], mean_free_path=10.0, scatterer=sg.media.Isotropic())
     one, two = (
         sg.statistics.covariance(scene(medium, light, sensor), paths=64 * 500, seed=seed, reverse=False)

@@ -10,6 +10,8 @@ Percus and Yevick, Phys. Rev. 110, 1 (1958); Wertheim, Phys. Rev. Lett. 10, 321 
 Lett. 65, 512 (1990), measured that transport lengths follow it.
 """
 
+from __future__ import annotations
+
 import math
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
@@ -64,7 +66,7 @@ class PercusYevick(_WithAnisotropy):
         Of the hard spheres, in the unit of the wavelength: at least that of the particle. Charged particles keep
         apart by more.
     wavelength
-        Inside the medium. Of `Mie` spheres it is theirs.
+        Inside the medium, in the unit of the diameter. Without it that of the `Mie` sphere; other scatterers need it.
 
     Examples
     --------

@@ -52,7 +52,7 @@ def test_of_a_known_thickness_nothing_is_asked():
 @pytest.mark.parametrize(("medium", "changes", "rule"), [
     (slab(10.0, 0.9, faces=sg.Faces(inside=1.33)), {}, "matched faces"),
     (slab(10.0, 0.9).replace(scatterer=sg.VonMisesFisher(concentration=9.0)), {}, "Henyey-Greenstein"),
-    (slab(100.0, 0.9), {}, "within the atlas"), (slab(10.0, 0.9), {"wavelength": -1.0}, "above 0"),
+    (slab(100.0, 0.9), {}, "within the lookup table"), (slab(10.0, 0.9), {"wavelength": -1.0}, "above 0"),
     (slab(10.0, 0.9), {"free": ("depth",)}, "made of"),
     (slab(10.0, 0.9), {"instruments": [TemporalCurve([0.1], None, 0.1)]}, "whose particles move"),
 ])  # fmt: skip

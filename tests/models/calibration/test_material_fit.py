@@ -188,8 +188,8 @@ CURVE = MemoryCurve([1e-4, 2e-4, 4e-4], [0.9, 0.7, 0.4], 0.01)
     ({"known": {"depth": 1.0}}, "made of thickness"), ({"known": {}}, "in one of them"),
     ({"known": {"thickness": -1.0}}, "above 0"), ({"known": {"thickness": 1.0, "g": 0.5}}, "none of them twice"),
     ({"free": "g"}, "a sequence of names"), ({"free": ("mean_free_path", "g", "diffusion")}, "without diffusion"),
-    ({"known": {"thickness": 1000.0, "mean_free_path": 1.0}, "free": ("g",)}, "within the atlas"),
-    ({"known": {"thickness": 1000.0, "g": 0.999}, "free": ("mean_free_path",)}, "within the atlas"),
+    ({"known": {"thickness": 1000.0, "mean_free_path": 1.0}, "free": ("g",)}, "within the lookup table"),
+    ({"known": {"thickness": 1000.0, "g": 0.999}, "free": ("mean_free_path",)}, "within the lookup table"),
     ({"known": {"thickness": 1e6}}, "in radians"),
     ({"observations": [TemporalCurve([0.1, 0.2, 0.3], [1.9, 1.5, 1.2], 0.1)]}, "in one of them"),
 ])  # fmt: skip
