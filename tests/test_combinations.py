@@ -242,7 +242,7 @@ def test_all_curves_are_answered_or_refused(first):
 @pytest.mark.slow
 @pytest.mark.parametrize("first", range(16))
 def test_all_scenes_are_answered_or_refused(first):
-    check(of_media(scenes(), 16, first), 0.2)
+    check(of_media(scenes(), 16, first), 0.1)
 
 
 @pytest.mark.slow

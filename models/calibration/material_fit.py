@@ -31,7 +31,7 @@ from specklegen.core.shielded import shielded
 from specklegen.core.units import WAVELENGTH
 from specklegen.measured.observations import MemoryCurve, Observation, TemporalCurve
 from specklegen.models.calibration.least_squares import Held, Minimum, minimize, nothing_held
-from specklegen.models.calibration.model_fit import Model, Ranges, Surface, ranges_of, surface_of
+from specklegen.models.calibration.model_fit import Data, Model, Ranges, Surface, ranges_of, surface_of
 from specklegen.models.calibration.prediction import (
     DEPTH,
     DIFFUSION,
@@ -82,38 +82,22 @@ class Interval(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Problem:
-    """Data and unknowns.
+class Problem(Data):
+    """Data and unknowns of one slab, whose values the lookup tables give.
 
     Attributes
     ----------
-    observations : tuple of Observation
     wavelength : float
     unknowns : Unknowns
     """
 
-    observations: tuple[Observation, ...]
     wavelength: float
     unknowns: Unknowns
 
-    @cached_property
-    def values(self) -> np.ndarray:
-        """What was measured, float64[M]."""
-        return np.concatenate([each.values for each in self.observations])
-
-    @cached_property
-    def errors(self) -> np.ndarray:
-        """Standard errors float64[M]."""
-        return np.concatenate([each.errors for each in self.observations])
-
-    @cached_property
-    def whitening(self) -> np.ndarray:
-        """W float64[M, M]: residuals W (model less data) are independent, of variance 1.
-
-        W^T W is the inverse of the data's variances and the tables' covariance together.
-        """
-        covariance = block_diag(*(covariance_of_tables(each) for each in self.observations))
-        return np.linalg.inv(np.linalg.cholesky(covariance + np.diag(self.errors**2)))
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance float64[M, M] of the tables."""
+        return block_diag(*(covariance_of_tables(each) for each in self.observations))
 
     def shown(self, at: np.ndarray) -> np.ndarray:
         """Values that slabs would show, float64[B, M], at unknowns float64[B, n]."""

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import qmc
 
 from specklegen.core.arguments import real_number
 from specklegen.core.budgets import Budget
@@ -99,12 +98,43 @@ def ranges_of(owner: str, free: Mapping[str, Any]) -> Ranges:
 
 
 @dataclass(frozen=True)
-class Surface:
-    """Data, and the polynomial of all their values within a box of the unknowns.
+class Data:
+    """What was measured.
 
     Attributes
     ----------
     observations : tuple of Observation
+    """
+
+    observations: tuple[Observation, ...]
+
+    @cached_property
+    def values(self) -> np.ndarray:
+        """What was measured, float64[M]."""
+        return np.concatenate([each.values for each in self.observations])
+
+    @cached_property
+    def errors(self) -> np.ndarray:
+        """Standard errors float64[M]."""
+        return np.concatenate([each.errors for each in self.observations])
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance float64[M, M] of the model's values."""
+        raise NotImplementedError
+
+    @cached_property
+    def whitening(self) -> np.ndarray:
+        """W float64[M, M]: residuals W (model less data) are independent, of variance 1."""
+        return np.linalg.inv(np.linalg.cholesky(self.covariance + np.diag(self.errors**2)))
+
+
+@dataclass(frozen=True)
+class Surface(Data):
+    """Data, and the polynomial of all their values within a box of the unknowns.
+
+    Attributes
+    ----------
     unknowns : Ranges
     media_of : callable
         The medium of each observation, at unknowns float64[n].
@@ -118,7 +148,6 @@ class Surface:
         What of it the polynomial has, at a run on average: terms over runs.
     """
 
-    observations: tuple[Observation, ...]
     unknowns: Ranges
     media_of: Callable[[np.ndarray], tuple[PlaneMedium, ...]]
     powers: np.ndarray
@@ -126,20 +155,10 @@ class Surface:
     scatter: np.ndarray
     share: float
 
-    @cached_property
-    def values(self) -> np.ndarray:
-        """What was measured, float64[M]."""
-        return np.concatenate([each.values for each in self.observations])
-
-    @cached_property
-    def errors(self) -> np.ndarray:
-        """Standard errors float64[M]."""
-        return np.concatenate([each.errors for each in self.observations])
-
-    @cached_property
-    def whitening(self) -> np.ndarray:
-        """W float64[M, M]: residuals W (model less data) are independent, of variance 1."""
-        return np.linalg.inv(np.linalg.cholesky(self.share * self.scatter + np.diag(self.errors**2)))
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance float64[M, M] of the polynomial."""
+        return self.share * self.scatter
 
     def shown(self, at: np.ndarray) -> np.ndarray:
         """Values that the model would show, float64[B, M], at unknowns float64[B, n]."""
@@ -165,9 +184,8 @@ class Surface:
         least = int(np.argmin(found.cost))
         return found.at[least], float(found.cost[least])
 
-
     def open_faces(self) -> np.ndarray:
-        """Whether chi squared rises too little towards a face of the box inside the range, bool[2, n]: low, high."""
+        """Return whether chi squared rises too little towards each face of the box, bool[2, n]: low, high."""
         (best, cost), ranges, count = self.best(), self.unknowns, len(self.unknowns.free)
         weights, values = np.tile(np.eye(count), (2, 1)), np.concatenate([ranges.low, ranges.high])
         held = Held(weights, np.tile(np.arange(count), 2), values)
@@ -199,7 +217,7 @@ def surface_of(
         nonlocal at, values
         powers = _powers(count, degree)
         more = max(2 * len(powers) + _SPARE - int(_within(at, low, high).sum()), 1 if degree > 3 else _SPARE)
-        places = qmc.scale(qmc.LatinHypercube(count, rng=number).random(more), low, high)
+        places = low + (high - low) * _latin_hypercube(more, count, number)
         runs = [_run(owner, observations, media_of(place), wavelengths, budget, (number, n))
                 for n, place in enumerate(places)]  # fmt: skip
         at, values = np.concatenate([at, places]), np.concatenate([values, runs])
@@ -234,6 +252,13 @@ def surface_of(
     return surface
 
 
+def _latin_hypercube(points: int, count: int, seed: int) -> np.ndarray:
+    """Places float64[points, n] of 0 to 1, one in each slice of each axis; SciPy's has another argument by version."""
+    draws = np.random.default_rng(seed)
+    slices = draws.permuted(np.tile(np.arange(points), (count, 1)), axis=1).T
+    return (slices + draws.random((points, count))) / points
+
+
 def _within(at: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.all((at >= low) & (at <= high), axis=1)
 
@@ -247,7 +272,7 @@ def _fitted(
     Allen, Technometrics 16, 125 (1974).
     """
     basis = _powers_at(_centred(at, box), powers)
-    terms, *_ = np.linalg.lstsq(basis, values)
+    terms, *_ = np.linalg.lstsq(basis, values, rcond=None)
     missed = values - basis @ terms
     ends = np.cumsum([len(each.values) for each in observations])[:-1]
     scatter = block_diag(*(part.T @ part for part in np.split(missed, ends, axis=1))) / (len(at) - len(powers))

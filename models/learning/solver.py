@@ -432,9 +432,10 @@ def silenced(evidence: Tensor, taper: Tensor | float) -> list[str]:
     for n, share in enumerate(shares_of(taper, len(evidence))):
         patch = filled[n] > PATCH[0] and blur[n] < PATCH[1]
         reasons.append(
-            f"the light falls off, and a taper covers {share:.2g} of each side: the fit knows even light alone" if share
-            else f"the object fills {filled[n]:.2f} of the frame with hardly an edge (blur {blur[n]:.2f}): whether "
-            "fine detail is missing cannot be told" if patch else ""
+            f"the light falls off, and a taper covers {share:.2g} of each side: calibration covers even light alone"
+            if share else
+            f"the object fills {filled[n]:.2f} of the frame with hardly an edge (blur {blur[n]:.2f}): missing fine "
+            "detail would not be noticed" if patch else ""
         )  # fmt: skip
     return reasons
 

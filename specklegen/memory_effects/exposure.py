@@ -47,7 +47,7 @@ class ExposureContrast(Pictured, Labelled):
     >>> import specklegen as sg
     >>> slab = sg.Slab(
     ...     thickness=100.0, mean_free_path=10.0, scatterer=sg.media.Isotropic(),
-    ... motion=sg.media.Brownian(diffusion=1.0)
+    ...     motion=sg.media.Brownian(diffusion=1.0)
     ... )
     >>> curve = sg.statistics.temporal_correlation(slab, wavelength=6.283185, lags=[0.0], paths=20_000)
     >>> curve.contrast([0.01, 0.05]).squared.round(2)  # T / tau0

@@ -91,7 +91,7 @@ class TemporalCorrelation(Pictured, Labelled):
     >>> import specklegen as sg
     >>> slab = sg.Slab(
     ...     thickness=100.0, mean_free_path=10.0, scatterer=sg.media.Isotropic(),
-    ... motion=sg.media.Brownian(diffusion=0.1)
+    ...     motion=sg.media.Brownian(diffusion=0.1)
     ... )
     >>> curve = sg.statistics.temporal_correlation(slab, wavelength=6.283, lags=[0.0, 0.1, 1.0], paths=5000)
     >>> curve.intensity.round(1)

@@ -89,6 +89,6 @@ def _envelope(sight: Sight, n: int, stack: ScreenStack) -> tuple[int, np.ndarray
     )
     degree = degree_of(squared, x, y, point=not half.any())
     if degree is None:
-        reject("ObjectField", "of a few correlation widths", sight.shape, "Use a smaller object.")
+        reject("ObjectField", "no wider than a few widths of the correlation", sight.shape, "Use a smaller object.")
     gains = gains_of(squared, x, y, degree)
     return degree, gains / gains[:, 0].mean()

@@ -66,7 +66,7 @@ class PercusYevick(_WithAnisotropy):
         Of the hard spheres, in the unit of the wavelength: at least that of the particle. Charged particles keep
         apart by more.
     wavelength
-        Inside the medium, in the unit of the diameter. Without it that of the `Mie` sphere; other scatterers need it.
+        Inside the medium, in the unit of the diameter. Left out beside a `Mie` sphere, which has one; else needed.
 
     Examples
     --------
@@ -93,12 +93,10 @@ class PercusYevick(_WithAnisotropy):
             reject("PercusYevick.volume_fraction", f"at most {DENSEST:g}", self.volume_fraction,
                    "Hard spheres freeze at 0.494; the approximation holds of fluids.")  # fmt: skip
         if inner.made_for is not None:
-            if self.wavelength is not None and abs(self.wavelength / inner.wavelength - 1) > 1e-9:
-                reject("PercusYevick.wavelength", f"that of the sphere, {inner.wavelength:g}", self.wavelength,
-                       "Leave it out.")  # fmt: skip
+            if self.wavelength is not None:
+                reject("PercusYevick.wavelength", "left out beside a Mie sphere, which has one", self.wavelength)
             if self.diameter < 2 * inner.radius * (1 - 1e-9):
                 reject("PercusYevick.diameter", f"at least that of the sphere, {2 * inner.radius:g}", self.diameter)
-            self.__dict__.update(wavelength=inner.wavelength)  # a frozen value, not yet handed out
         elif self.wavelength is None:
             reject("PercusYevick.wavelength", "given, unless the scatterer is a Mie sphere", None,
                    "It is the wavelength inside the medium.")  # fmt: skip
@@ -107,14 +105,15 @@ class PercusYevick(_WithAnisotropy):
     @with_units
     def structure_factor(self, theta: Annotated[ArrayLike, RADIAN]) -> np.ndarray:
         """Return S at scattering angles, float64[...], radians."""
-        assert self.wavelength is not None
-        q = 4 * np.pi / self.wavelength * np.sin(np.asarray(theta, np.float64) / 2)
+        q = 4 * np.pi / self.made_for * np.sin(np.asarray(theta, np.float64) / 2)
         return structure_factor(q * self.diameter, self.volume_fraction)
 
     @property
-    def made_for(self) -> float | None:
-        """Its wavelength."""
-        return self.wavelength
+    def made_for(self) -> float:
+        """Its wavelength: that of the sphere, or as given."""
+        made_for = self.scatterer.made_for or self.wavelength
+        assert made_for is not None, "checked"
+        return made_for
 
     @property
     def number_density(self) -> float:
@@ -155,8 +154,7 @@ class PercusYevick(_WithAnisotropy):
     @cached_property
     def table(self) -> Tabulated:
         """The amplitude of the particle times the root of S, per root steradian."""
-        assert self.wavelength is not None
-        size = 2 * math.pi * self.diameter / self.wavelength  # eight nodes to a period of S
+        size = 2 * math.pi * self.diameter / self.made_for  # eight nodes to a period of S
 
         def amplitude(theta: np.ndarray) -> np.ndarray:
             return self.scatterer.exact_amplitude(theta) * np.sqrt(self.structure_factor(theta))
