@@ -43,7 +43,7 @@ PICTURES = {
     "memory-effect.png": "how far speckle keeps its shape under tilt, for two fogs of one optical depth",
     "through-slab.png": "the training set: cut-outs of photographs; the autocorrelation of each image is its object's",
     "held-out-letters.png": "the hardest: neither the slabs nor the letters were in the network's training; framed: "
-    "correlates more with another character; p: the solver's certificate, which has not seen the object",
+    "correlates more with another character; p: the solver's confidence, the probability that r > 0.8",
 }
 """What the demo draws, what works best first."""
 MEASURES = """number: Pearson correlation to the hidden object
@@ -82,7 +82,7 @@ def compile_kernels(recipe) -> None:
 def see_through(changes: dict, out: Path, count: int, certified: bool = False) -> None:
     """Reconstruct characters of the test split, behind slabs of unknown material.
 
-    ``certified``: by the solver for any object too, with its certificate, and each answer read as a character.
+    ``certified``: by the solver for any object too, with its confidence, and each answer read as a character.
     """
     recipe = load_recipe("unknown-slab", changes)
     batch = tensors(recipe.batch(0, "test", range(count)))
