@@ -3,7 +3,6 @@
     python scripts/lab_training.py --out runs/lab [--samples 24576] [--epochs 30] [--seeds 3] [--workers 16] [--device cuda]
     python scripts/lab_training.py --out runs/on --work runs/lab --start runs/lab --epochs 12 --rate 3e-4  # both go on
     python scripts/lab_training.py --table runs/lab/scores.npz
-    python scripts/lab_training.py --out runs/lab --frames FOLDER  # those networks, on a camera's frames (docs/benchmark.md)
 
 Both have the same characters, media, first weights, network (that of the package, residual of width 26), number of samples
 and of steps. Ten characters of the benchmark and five of validation are held out. Scores are aligned Pearson correlations
@@ -24,9 +23,7 @@ from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.recipes.recipe_files import changed, recipe_table
 from specklegen.models import Training, train
-from specklegen.models.judging import frames
 from specklegen.models.judging.evaluation import aligned_to, targets_of
-from specklegen.models.judging.tasks import task
 from specklegen.models.learning.examples import Examples, sharing_media
 from specklegen.models.learning.inputs import network_input
 from specklegen.models.learning.reconstructor import Reconstructor
@@ -139,31 +136,11 @@ def table(file: Path) -> str:
     return "\n".join(lines)
 
 
-def on_frames(folder: Path, clone: Path) -> str:
-    """What the networks of a folder make of a laboratory's frames, in Markdown: matches to the printed shapes."""
-    torch.set_num_threads(1)
-    batches = [*task("measured frames").batches(range(frames.SAMPLES), measured=clone)]
-    shapes = [n % len(frames.SHAPES) for n in range(frames.SAMPLES)]
-    lines = ["| seed | match: " + ", ".join(KINDS) + " | named rightly, of 32 |", "|---|---|---|"]
-    every = []
-    for seed in range(len([*folder.glob(f"{KINDS[0]}-[0-9]*.pt")])):
-        models = [Reconstructor.load(str(folder / f"{kind}-{seed}.pt")) for kind in KINDS]
-        answers = [torch.cat([model.reconstruct(batch) for batch in batches]) for model in models]
-        every.append([frames.scores(each, shapes)["pearson"] for each in answers])
-        named = ", ".join(str(int(frames.named(each, shapes).sum())) for each in answers)
-        lines.append(f"| {seed} | " + ", ".join(f"{each.mean():.3f}" for each in every[-1]) + f" | {named} |")
-    gain = np.array(every)[:, 1] - np.array(every)[:, 0]
-    glasses = np.arange(frames.SAMPLES) // len(frames.SHAPES)
-    low = bootstrap(gain.mean(0), glasses, np.array(shapes))
-    return "\n".join([*lines, "", f"paired difference {low.mean:+.3f} [{low.low:+.3f}, {low.high:+.3f}]"])
-
-
 def main() -> None:
     """Read the command line."""
     asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     asked.add_argument("--out", type=Path, default=Path("runs/lab"))
     asked.add_argument("--table", type=Path)
-    asked.add_argument("--frames", type=Path, help="clone that `specklegen check measured get hidden-shapes` makes")
     asked.add_argument("--samples", type=int, default=24576)
     asked.add_argument("--epochs", type=int, default=30)
     asked.add_argument("--seconds", type=float, help="by the clock, of each network: shortens the training")
@@ -177,9 +154,6 @@ def main() -> None:
     given = asked.parse_args()
     if given.table is not None:
         print(table(given.table))
-        return
-    if given.frames is not None:
-        print(on_frames(given.out, given.frames))
         return
     work = given.work or given.out
     given.out.mkdir(parents=True, exist_ok=True)
