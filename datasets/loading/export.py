@@ -21,11 +21,12 @@ def export(
 ) -> list[Path]:  # fmt: skip
     """Write samples of a store as files, with a table of their indices, seed and parameters.
 
-    "npy" writes one array a key, ``<key>.npy``, with the samples along the first axis. "png" writes one
-    picture a sample and key with at least two axes, ``<key>_<index>.png``: counts as 16 bits, unchanged;
-    other arrays as 16 bits from the picture's least to its greatest value, which the table gives. Frames of
-    a stack stand side by side. "parquet" writes a data set for the Hugging Face hub; see
-    :mod:`specklegen.datasets.loading.parquet`. All write ``samples.csv``.
+    "npy" writes one array a key, ``<key>.npy``, with the samples along the first axis. "png" writes one picture a
+    sample and key with at least two axes, ``<key>_<index>.png``: counts as 16 bits, unchanged; other arrays as 16 bits
+    from the picture's least to its greatest value, which the table gives. Frames of a stack stand side by side.
+    "parquet" writes a data set for the Hugging Face hub; see :mod:`specklegen.datasets.loading.parquet`. All write
+    ``samples.csv``. Raise a `RuleError` if the format is unknown or there is nothing to write and a `MissingSample` if
+    a sample has not been generated.
 
     Parameters
     ----------
@@ -40,13 +41,6 @@ def export(
     -------
     list of Path
         The files written.
-
-    Raises
-    ------
-    RuleError
-        If the format is unknown or there is nothing to write.
-    MissingSample
-        If a sample has not been generated.
     """
     cache = SpeckleCache(folder)
     chosen = list(range(len(cache))) if samples is None else _there(samples, len(cache))

@@ -190,9 +190,10 @@ class EpochLoader:
     def load_state_dict(self, state: dict[str, Any], *, strict_device: bool = False) -> None:
         """Go to a saved position.
 
-        Another number of workers, and another rank, is exact. So is another world or batch size where the
-        position falls on one of its rounds. On another kind of device samples have the same random words and other
-        roundings (docs/devices.md).
+        Another number of workers, and another rank, is exact. So is another world or batch size where the position
+        falls on one of its rounds. On another kind of device samples have the same random words and other roundings
+        (docs/devices.md). Raise a `RuleError` if the state is of other data, its numbers are not those of a position,
+        or its position is inside a round of this world and batch size.
 
         Parameters
         ----------
@@ -200,12 +201,6 @@ class EpochLoader:
             From :meth:`state_dict`.
         strict_device
             Refuse the position of another kind of device, instead of warning of it.
-
-        Raises
-        ------
-        RuleError
-            If the state is of other data, its numbers are not those of a position, or its position is inside a round
-            of this world and batch size.
 
         Warns
         -----

@@ -71,10 +71,7 @@ class Speed(Value):
     def tau0_of(self, known: Sequence[MovingCorrelation], speed: np.ndarray, wavelength: float) -> np.ndarray:
         """tau0 float64[M] of media, from the numbers that were drawn for them float64[M].
 
-        Raises
-        ------
-        RuleError
-            For a time of 1/e where what rests keeps the correlation above.
+        Raise a `RuleError` for a time of 1/e where what rests keeps the correlation above.
         """
         if self.diffusion is not None:
             return 1 / (speed * np.square(2 * np.pi / wavelength))

@@ -118,7 +118,6 @@ class SurfaceMedium:
 
     Attributes
     ----------
-    film : SurfaceFilm
     contrast : float64[E, H, W]
         K of every exposure at each pixel, of polarised light.
     parameters : dict

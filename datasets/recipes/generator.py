@@ -57,14 +57,12 @@ class ReadyMedia:
 
     Attributes
     ----------
-    drawn : DrawnMedia
     groups : list of (places, imaging)
         Media that are rendered together; where they share one imaging, it is the same object.
     at : list of (group, place)
         Of every medium.
     parameters : dict of float64[M]
         What is stored of them, the sampler included.
-    streams : Streams
     """
 
     drawn: DrawnMedia

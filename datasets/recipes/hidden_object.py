@@ -169,10 +169,7 @@ class HiddenObject(Recipe):
     def pitches(self, materials: "Materials", share: "torch.Tensor") -> "torch.Tensor":
         """Direction sines float64[M] between object pixels in front of materials; ``share`` the field's drawn numbers.
 
-        Raises
-        ------
-        RuleError
-            If the pitch follows from a range that a material does not have.
+        Raise a `RuleError` if the pitch follows from a range that a material does not have.
         """
         if self.lab is not None:
             return torch.full_like(share, self.lab.object_pitch(self.objects.shape))

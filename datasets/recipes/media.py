@@ -76,8 +76,6 @@ class MediumView:
 
     Attributes
     ----------
-    slab : Slab or ScreenStack
-    seen : Viewing
     shape : (int, int)
         Of the object; a beam is an object of one pixel.
     pitch : float
@@ -127,7 +125,6 @@ class DrawnMedia:
 
     Attributes
     ----------
-    materials : Materials
     sight : Sight
         How objects are seen through them.
     bandwidth : float
@@ -195,10 +192,7 @@ class RecipeMedia(Specification):
     def medium_plan(self, view: Planned) -> Plan:
         """Plan one medium: the sampler that its outermost beams allow; path sums, planned by medium, for all beams.
 
-        Raises
-        ------
-        RuleError
-            If path sums are needed, and have no model of what the recipe asks for.
+        Raise a `RuleError` if path sums are needed, and have no model of what the recipe asks for.
         """
         paths = self.material.kernel_paths
         probe_plan = plan(view.probe, paths=paths, sampler=self.sampler, envelope=False)
@@ -232,13 +226,9 @@ class RecipeMedia(Specification):
     def rendering(self) -> Rendering | None:
         """What renders all media of the recipe; None where plans do not agree. Carried to the workers.
 
-        Where the plans at the ends of its ranges agree, the same holds for what lies between: the stationary model
-        gets worse towards one end of every range.
-
-        Raises
-        ------
-        RuleError
-            If no sampler serves, or, where ``strict``, the one that is asked for is unfit.
+        Where the plans at the ends of its ranges agree, the same holds for what lies between: the stationary model gets
+        worse towards one end of every range. Raise a `RuleError` if no sampler serves, or, where ``strict``, the one
+        that is asked for is unfit.
         """
         plans = self.plans()
         doubts = sorted({doubt for each in plans for doubt in each.doubts})

@@ -52,13 +52,7 @@ def _tables() -> Traversable:
 
 @dataclass(frozen=True)
 class RecipeFile:
-    """A recipe as it is written: its own tables, and the files that they change, each of which changes those before it.
-
-    Attributes
-    ----------
-    own : dict
-    parents : tuple of RecipeFile
-    """
+    """A recipe as it is written: its own tables, and the files that they change, each changing those before it."""
 
     own: Mapping[str, Any]
     parents: tuple["RecipeFile", ...] = ()

@@ -250,10 +250,7 @@ class Specification(Registered, Pictured):
     def on(self, device: str) -> Self:
         """Return this recipe rendering on another torch device: the same random numbers, other rounding.
 
-        Raises
-        ------
-        RuleError
-            If there is no such device here.
+        Raise a `RuleError` if there is no such device here.
         """
         if str(device) != "cpu":
             checked_device(f"{type(self).__name__}.on device", device)

@@ -229,7 +229,6 @@ class VolumeMedia:
 
     Attributes
     ----------
-    scenes : VolumeView
     unit : float
         Expected intensity of a beam of brightness 1.
     contrast : Contrast

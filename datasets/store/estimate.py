@@ -34,7 +34,7 @@ def estimate(
     """Predict the cost of :func:`specklegen.datasets.store.generate.generate` with the same arguments.
 
     Up to 64 samples are rendered and stored in a temporary folder, as many as a few seconds allow. A medium that many
-    samples share is counted once.
+    samples share is counted once. Raise a `GenerationError` if the samples cannot be rendered.
 
     Returns
     -------
@@ -42,11 +42,6 @@ def estimate(
         bytes : length of the shard files; seconds : to render and write, the start of workers left out;
         memory : bytes that a worker holds for a shard, beside what rendering itself takes; shards,
         shard_samples, processes.
-
-    Raises
-    ------
-    GenerationError
-        If the samples cannot be rendered.
     """
     types = {key: (spec, stored_type(spec, dtype)) for key, spec in stored_arrays(recipe).items()}
     raw = [int(np.prod(spec.shape)) * stored.itemsize for spec, stored in types.values()]

@@ -65,10 +65,7 @@ def _refusal(error: Exception) -> tuple[str, str]:
 def writing(folder: Path) -> Iterator[None]:
     """Turn what the system says while a store is made or grown into an error that names the folder.
 
-    Raises
-    ------
-    RuleError
-        If a file or folder could not be written.
+    Raise a `RuleError` if a file or folder could not be written.
     """
     try:
         yield

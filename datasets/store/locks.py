@@ -53,10 +53,7 @@ LOOK = 1.0
 def claim(file: Path, number: int, wait: bool = False) -> Iterator[LockState]:
     """Lock piece ``number``; "busy" if another process has it, "unlockable" where there are no locks.
 
-    Raises
-    ------
-    OSError
-        If the file is not there and cannot be made.
+    Raise an `OSError` if the file is not there and cannot be made.
     """
     if fcntl is None:
         yield "unlockable"

@@ -41,6 +41,9 @@ class Verification:
 def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verification:
     """Compare every shard with the checksum written with it; with ``repair``, render again what is bad.
 
+    Raise a `RuleError` if the folder is not a store, its metadata were changed (and there is no recipe), or the recipe
+    is another one. Raise a `GenerationError` if a shard could not be rendered again.
+
     Parameters
     ----------
     folder : path
@@ -53,13 +56,6 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
     -------
     Verification
         What was found, before the repair.
-
-    Raises
-    ------
-    RuleError
-        If the folder is not a store, its metadata were changed (and there is no recipe), or the recipe is another one.
-    GenerationError
-        If a shard could not be rendered again.
     """
     metadata_damage = mend_metadata(place_of(folder), repair) if repair is not None else ""
     store = Store(folder)

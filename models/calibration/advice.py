@@ -41,7 +41,6 @@ class Expected:
 
     Attributes
     ----------
-    instruments : tuple of Observation
     errors : Mapping[str, float]
         Standard errors of logarithms, by name: of g that of 1 - g, of the albedo that of -ln albedo itself.
     degenerate : tuple of str

@@ -80,6 +80,8 @@ class MeasuredGrain(NamedTuple):
 def fit_grain(images: Tensor, extent: int, profile: Profile = "disc", seed: Seed = 0) -> MeasuredGrain:
     """Grain of each of B photographs of hidden objects, each over its envelope; some 0.5 processor seconds each.
 
+    Raise a `RuleError` if a half of an image has no room for tiles of twice the extent, or shows no speckle.
+
     Parameters
     ----------
     images
@@ -90,11 +92,6 @@ def fit_grain(images: Tensor, extent: int, profile: Profile = "disc", seed: Seed
         Of the window, "disc" or "square": a Gaussian one has no edge, and is not told from a smoother object.
     seed
         Of phase retrieval's starts.
-
-    Raises
-    ------
-    RuleError
-        If a half of a photograph has no room for tiles of twice the extent, or shows no speckle.
     """
     seen = host_tensor("fit_grain images", images)
     if seen.ndim != 3 or not len(seen):

@@ -83,13 +83,7 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True)
 class Problem(Data):
-    """Data and unknowns of one slab, whose values the lookup tables give.
-
-    Attributes
-    ----------
-    wavelength : float
-    unknowns : Unknowns
-    """
+    """Data and unknowns of one slab, whose values the lookup tables give."""
 
     wavelength: float
     unknowns: Unknowns

@@ -45,7 +45,6 @@ class Ranges:
 
     Attributes
     ----------
-    free : tuple of str
     ends : float64[n, 2]
     low, high : float64[n]
         The box within which curves are known.
@@ -135,7 +134,6 @@ class Surface(Data):
 
     Attributes
     ----------
-    unknowns : Ranges
     media_of : callable
         The medium of each observation, at unknowns float64[n].
     powers : int64[P, n]

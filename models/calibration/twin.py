@@ -67,7 +67,6 @@ class Compared(NamedTuple):
 
     Attributes
     ----------
-    name : str
     p_value : float
         Chance that any group differs as much, if nothing does.
     measured, simulated : float

@@ -63,10 +63,7 @@ class Isolated:
     def __call__(self, batch: Batch) -> Tensor:
         """Ask about a batch.
 
-        Raises
-        ------
-        Failed
-            If there is no answer.
+        Raise a `Failed` if there is no answer.
         """
         if self._here is None:
             self._start()

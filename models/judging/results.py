@@ -27,10 +27,8 @@ class Failure(NamedTuple):
 
     Attributes
     ----------
-    task, function : str
     first, images : int
         First sample of the batch, and how many.
-    reason : str
     """
 
     task: str

@@ -58,7 +58,6 @@ class Task(NamedTuple):
 
     Attributes
     ----------
-    name : str
     asks : str
         What is new or hard in it.
     base : str

@@ -30,7 +30,6 @@ class Measured(NamedTuple):
 
     Attributes
     ----------
-    likelihood : SpeckleLikelihood
     between : float[B, 2 n - 1, 2 n - 1]
         C_I between the pixels of a frame.
     amplitudes : float[B, 2, LAGS, LAGS // 2 + 1]

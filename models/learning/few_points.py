@@ -30,7 +30,6 @@ class FewPoints(NamedTuple):
     ----------
     image : float32[n, n]
         Points of brightness 1.
-    points : int
     evidence : float32[5]
         What the certificate of constellations is read from: the excess in spreads of the log-likelihood, the logarithm
         of the count, the share of the searches that ended here, the logarithm of 1 and what the next best end costs

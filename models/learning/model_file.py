@@ -105,10 +105,7 @@ def rounded(key: str, weight: Tensor) -> dict[str, Tensor]:
 def restored(kept: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Weights float32 of the tensors of a file, rounded or not.
 
-    Raises
-    ------
-    RuleError
-        If rows and scales do not belong together, or a weight is not finite.
+    Raise a `RuleError` if rows and scales do not belong together, or a weight is not finite.
     """
     weights = {key: _restored(key, kept) for key in kept if not key.endswith(_SCALE)}
     for key, weight in weights.items():

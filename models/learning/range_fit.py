@@ -73,6 +73,8 @@ def fit_range(
 ) -> RangeFit:  # fmt: skip
     """Fit one range to the images of B objects behind one slab.
 
+    Raise a `RuleError` if there is not one memory effect for each object, or one does not fall to one half.
+
     Parameters
     ----------
     solver
@@ -81,11 +83,6 @@ def fit_range(
         As in :meth:`Solver.solve`; the memory effect gives the shape of C_I.
     factors
         Ranges to try, over that of ``memory``.
-
-    Raises
-    ------
-    RuleError
-        If there is not one memory effect for each object, or one does not fall to one half.
     """
     if len(memory) != len(seen.power):
         reject("fit_range memory", f"one for each of {len(seen.power)} objects", len(memory))

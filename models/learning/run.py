@@ -34,7 +34,6 @@ class Pace:
 
     Attributes
     ----------
-    images : int
     waited, stepped : float
         Seconds by the clock until batches were there, and of the network's steps.
     """

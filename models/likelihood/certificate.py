@@ -27,7 +27,6 @@ class Certificate(NamedTuple):
     ----------
     weights, mean, spread : tuple of float
         One for each number of the evidence.
-    constant : float
     low, high : tuple of float
         Ends of each number within which it was fitted; none, and it is never silent.
     """

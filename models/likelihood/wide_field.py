@@ -86,7 +86,8 @@ def scanned_object(
 
     Spots should overlap by two thirds of their side, and each be narrower than two memory-effect ranges; the camera
     should be ten or more of them wide. The medium may be another one at each exposure: nothing is taken from one
-    exposure to the next but the object.
+    exposure to the next but the object. Raise a `RuleError` if shapes do not agree, a spot has no light, a place is
+    negative, an exposure is dark or has no contrast, or no frequency is left.
 
     Parameters
     ----------
@@ -111,12 +112,6 @@ def scanned_object(
         Searches from other objects, at most 64; the most probable is taken.
     seed
         Of the starts. What is returned is a function of it.
-
-    Raises
-    ------
-    RuleError
-        If shapes do not agree, a spot has no light, a place is negative, an exposure is dark or has no contrast, or no
-        frequency is left.
 
     Examples
     --------
@@ -198,7 +193,6 @@ class Seen:
 
     Attributes
     ----------
-    scan : Scanned
     likelihood : SpeckleLikelihood
         Of the part that each shows.
     memory_effect : float32[2 h - 1, 2 w - 1]

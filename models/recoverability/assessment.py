@@ -77,7 +77,6 @@ class Setup(NamedTuple):
 
     Attributes
     ----------
-    optics : Optics
     memory_effect : MemoryEffect
         C_I over object pixels; where the slab is not known, of the middle one of its ranges.
     known : bool
@@ -195,7 +194,6 @@ class Findings(Pictured):
 
     Attributes
     ----------
-    each : tuple of Finding
     range_sine : float
         Memory-effect range of the slab, direction sine: that of the setup, or the one that was fitted.
     fit : RangeFit or None

@@ -85,8 +85,9 @@ def autocorrelation(
     """Autocovariance of camera images over the square of their mean, averaged over frames, float64[..., n, n].
 
     Zero-padded (Wiener-Khinchin), each lag over the number of its pixel pairs, less the mean of a ring of lags just
-    outside the window, less at the zero lag what the camera's noise adds. Without ``sigma`` the expectation is the
-    true autocovariance, up to the share 1/grains by which the mean of one image is not known.
+    outside the window, less at the zero lag what the camera's noise adds. Without ``sigma`` the expectation is the true
+    autocovariance, up to the share 1/grains by which the mean of one image is not known. Raise a `RuleError` if the
+    window is odd, or the images are too small for its ring, or dark.
 
     Parameters
     ----------
@@ -101,11 +102,6 @@ def autocorrelation(
         Photo-electrons that an image value of 1 stands for; by default infinite, no shot noise.
     read_noise
         Standard deviation of the readout, electrons.
-
-    Raises
-    ------
-    RuleError
-        If the window is odd, or the images are too small for its ring, or dark.
     """
     if images.ndim < 3:
         reject("autocorrelation images", "of shape [..., frames, rows, columns]", tuple(images.shape))

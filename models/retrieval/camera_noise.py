@@ -51,6 +51,7 @@ def camera_noise(
     """Variance that camera noise adds to a pixel, over the squared mean of the image; float[...].
 
     Its relative standard error is about sqrt(2 / frequencies), a hundredth for 128 x 128 pixels and 3 pixels a grain.
+    Raise a `RuleError` if noise can be neither read nor is stated.
 
     Parameters
     ----------
@@ -64,11 +65,6 @@ def camera_noise(
     profile
         Of the window; by default the images tell, where noise is not far above what a Gaussian window leaks, 0.01 of
         the speckle's variance.
-
-    Raises
-    ------
-    RuleError
-        If noise can be neither read nor is stated.
     """
     rows, columns = images.shape[-2:]
     flat = images.double()

@@ -144,12 +144,7 @@ class BudgetFields(TypedDict, total=False):
 def budget_of(owner: str, budget: Budget | None, given: BudgetFields, unused: Collection[str] = ()) -> Budget:
     """Return the budget of a verb: fields given by name in place of those of the budget.
 
-    Raises
-    ------
-    RuleError
-        For a field that the verb does not use.
-    TypeError
-        For a name that is no field.
+    Raise a `RuleError` for a field that the verb does not use and a `TypeError` for a name that is no field.
     """
     result = Budget(**given) if budget is None else replace(instance(f"{owner} budget", budget, Budget), **given)
     for name in unused:

@@ -28,10 +28,7 @@ LARGEST_MODEL, LARGEST_HEADER = 2 * 2**30, 2**20
 def require_small(pixels: int, most: int) -> None:
     """Refuse a file of more pixels than may be held.
 
-    Raises
-    ------
-    ValueError
-        For such a file.
+    Raise a `ValueError` for such a file.
     """
     if pixels > most:
         raise ValueError(f"it has {pixels} pixels, more than {most}")

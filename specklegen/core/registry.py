@@ -46,10 +46,8 @@ def is_import_path(text: object) -> bool:
 def imported(field: str, path: str) -> Any:
     """Import ``[folder/]module[.py]:Name``, by default from the working folder or ``sys.path``.
 
-    Raises
-    ------
-    RuleError
-        If there is no such module or no such name in it, it cannot be imported, or another of its name has been.
+    Raise a `RuleError` if there is no such module or no such name in it, it cannot be imported, or another of its name
+    has been.
     """
     match = _PATH.fullmatch(path)
     if match is None:

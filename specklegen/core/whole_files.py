@@ -41,12 +41,8 @@ Read = TypeVar("Read")
 def patiently(act: Callable[[], Read]) -> Read:
     """Do what takes a file that must be there, and again for a quarter of a second while it is away.
 
-    A network folder may not show a file for some milliseconds while another process replaces it.
-
-    Raises
-    ------
-    OSError
-        As ``act`` does, where it still does, or where the file is there.
+    A network folder may not show a file for some milliseconds while another process replaces it. Raise an `OSError` as
+    ``act`` does, where it still does, or where the file is there.
     """
     for wait in WAITS:
         try:

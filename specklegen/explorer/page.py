@@ -208,7 +208,6 @@ class Panel(NamedTuple):
 
     Attributes
     ----------
-    title : str
     wide : bool
         Whether it takes a whole row.
     body : callable

@@ -292,20 +292,7 @@ def kernel_draws(keys: Sequence[tuple[int, int]], shape: tuple[int, ...]) -> Cal
 
 
 def pixel_means(image: ArrayLike, factor: int) -> np.ndarray:
-    """Average an image over square pixels of ``factor`` by ``factor`` points.
-
-    Parameters
-    ----------
-    image
-        float[..., H factor, W factor].
-    factor
-        At least 1.
-
-    Returns
-    -------
-    means
-        float64[..., H, W].
-    """
+    """Average an image float[..., H factor, W factor] over ``factor`` by ``factor`` points: float64[..., H, W]."""
     image = np.asarray(image, dtype=np.float64)
     if image.ndim < 2:
         reject("expose image", "of shape (..., rows, columns)", image.shape)

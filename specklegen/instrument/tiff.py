@@ -16,7 +16,9 @@ _PLAIN_MODES = ("1", "L", "LA", "RGB", "RGBA")
 def read_tiff(path: Path, most_pixels: int, lossless: bool = False) -> np.ndarray:
     """Read all pages of a TIFF file: real[n, h, w], or [n, h, w, samples] of colours.
 
-    Planes that are stored apart are pages: tifffile writes three or four frames that way by default.
+    Planes that are stored apart are pages: tifffile writes three or four frames that way by default. Raise a
+    `ValueError` if pages differ in shape, or are compressed with loss or too large, and an `OSError` if the file cannot
+    be read.
 
     Parameters
     ----------
@@ -26,13 +28,6 @@ def read_tiff(path: Path, most_pixels: int, lossless: bool = False) -> np.ndarra
         Pixels of all pages, at most.
     lossless
         Refuse a compression that may lose noise.
-
-    Raises
-    ------
-    ValueError
-        If pages differ in shape, or are compressed with loss or too large.
-    OSError
-        If the file cannot be read.
     """
     from tifffile import TiffFile
 

@@ -25,14 +25,8 @@ _SPE_KINDS = {0: "<f4", 1: "<i4", 2: "<i2", 3: "<u2", 5: "<f8", 6: "u1", 8: "<u4
 def read_video(path: Path, most_pixels: int) -> np.ndarray:
     """Read the frames[n, h, w] of a film.
 
-    Raises
-    ------
-    ValueError
-        If it is compressed with loss, holds colours, or is too large.
-    OSError
-        If it cannot be read.
-    ImportError
-        If PyAV is not installed.
+    Raise a `ValueError` if it is compressed with loss, holds colours, or is too large, an `OSError` if it cannot be
+    read, and an `ImportError` if PyAV is not installed.
     """
     try:
         import av  # pyright: ignore[reportMissingImports]
@@ -69,12 +63,7 @@ def _of_equal_colours(frame, pixels: str) -> np.ndarray:
 def read_spe(path: Path, most_pixels: int) -> np.ndarray:
     """Read the frames[n, h, w] of an SPE file.
 
-    Raises
-    ------
-    ValueError
-        If it is shorter than its header says, or too large.
-    OSError
-        If it cannot be read.
+    Raise a `ValueError` if it is shorter than its header says, or too large, and an `OSError` if it cannot be read.
     """
     with path.open("rb") as file:
         head = file.read(_SPE_HEADER.itemsize)

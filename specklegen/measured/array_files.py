@@ -19,12 +19,8 @@ _NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("",
 def read_hdf5(path: Path, variable: str | None) -> np.ndarray:
     """Read frames[n, h, w] from a data set [h, w] or [n, h, w] of an HDF5 file.
 
-    Raises
-    ------
-    ValueError
-        If there is no such data set, more than one without a name, or too much in it.
-    ImportError
-        If h5py is not installed.
+    Raise a `ValueError` if there is no such data set, more than one without a name, or too much in it, and an
+    `ImportError` if h5py is not installed.
     """
     with _opened(path) as file:
         return _frames(_read(_sets(file), variable), first=True)

@@ -25,8 +25,6 @@ class Range(NamedTuple):
         None for numbers that are not whole.
     largest : float or None
         Number at which pixels saturate; None where none is known and no pile of pixels shows one.
-    assumed : tuple of str
-    doubts : tuple of str
     """
 
     step: int

@@ -50,10 +50,7 @@ class _Fit(NamedTuple):
 def fit_envelope(light: np.ndarray, good: np.ndarray, field: str) -> Envelope:
     """Fit the envelope of a mean image[h, w] by its good pixels, bool[h, w].
 
-    Raises
-    ------
-    RuleError
-        If some part of the image has no light, or hardly any pixel is good.
+    Raise a `RuleError` if some part of the image has no light, or hardly any pixel is good.
     """
     at_y, at_x, means, weights, places = _blocks(light, good)
     if len(means) < 12:

@@ -38,12 +38,8 @@ class Raw(NamedTuple):
 def read_raw(field: str, source: Source, variable: str | None = None) -> Raw:
     """Read the frames of a source, in the order of the files' names, numbers in them by value.
 
-    Raises
-    ------
-    RuleError
-        If there is no file, or one cannot be read, or holds no grey frames, or frames of another size.
-    ImportError
-        If a file needs a library that is not installed.
+    Raise a `RuleError` if there is no file, or one cannot be read, or holds no grey frames, or frames of another size.
+    Raise an `ImportError` if a file needs a library that is not installed.
     """
     if isinstance(source, str | os.PathLike):
         named: list[str | os.PathLike[str]] = [source]

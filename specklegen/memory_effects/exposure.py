@@ -95,7 +95,6 @@ class LightClasses:
         Y of each class.
     motion : Motion or None
         The fastest; None where all rests.
-    wavelength : float
     """
 
     shares: np.ndarray
@@ -133,7 +132,6 @@ class LightPaths:
         Intensity, momentum transfer Y and Doppler shift D of each connection.
     batch : int64[M]
         Its batch of independent paths.
-    batches : int
     motion, wavelength
         As of :class:`LightClasses`.
     """

@@ -25,7 +25,6 @@ class FilmCorrelation:
     ----------
     ways : ObliqueCorrelation
         With the momentum transfer of every connection.
-    motion : Motion
     times : float64[T]
     axial : bool
         Whether light and view are along the axis: R then has no direction.

@@ -103,7 +103,6 @@ class AxialLight:
         Of C_ab what belongs to J0, J2 and J4.
     batch : int64[M]
         Number of the batch of each connection.
-    batches : int
     single : float
         Light that was scattered once, through the analyser.
     transfer : float64[M] or None

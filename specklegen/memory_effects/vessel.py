@@ -28,10 +28,8 @@ class Vessel(NamedTuple):
     ----------
     depth : float
         Of its axis.
-    radius : float
     speed : float
         Of its flow, on the axis.
-    profile : "parabolic" or "plug"
     diffusion : float
         D of what is inside, beside the flow.
     tissue_diffusion : float

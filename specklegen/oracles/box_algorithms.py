@@ -68,8 +68,6 @@ class Setup:
     ----------
     medium, wavelength
         The wavelength is that inside the medium.
-    lights : Far, Beams or Near, T of them
-    views : Far or Near, V of them
     matched : bool
         False: P = T V pairs, light by light. True: P = T = V pairs (light p, view p).
     region : (float64[d], float64[d]) or None

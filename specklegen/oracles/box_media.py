@@ -73,7 +73,6 @@ class Medium:
         Corners. Infinite sides are allowed where paths are started in a finite region.
     extinction, albedo : float64[C]
         sigma_t per unit length, and the share of collisions that scatter.
-    particles : tuple of Particle, length K
     shares : float64[C, K]
         Shares of sigma_s; rows add to 1.
     """

@@ -78,6 +78,8 @@ def multi_slice(
 ) -> MultiSlice:  # fmt: skip
     """Correlate the fields of tilted plane waves behind random phase screens.
 
+    Raise a `RuleError` for a slab outside the domain of this method, or a grid that does not hold the scattered light.
+
     Parameters
     ----------
     slab
@@ -95,11 +97,6 @@ def multi_slice(
     motion
         x = D k^2 tau >= 0: the tilted beams come a lag tau after the other, which they then need not differ from (a
         tilt of 0 bins is the correlation in time alone). The screens at lag 0 are the same for all motions.
-
-    Raises
-    ------
-    RuleError
-        For a slab outside the domain of this method, or a grid that does not hold the scattered light.
     """
     _check(slab, wavelength, pitch)
     if not 0 <= motion < np.inf:
@@ -143,6 +140,8 @@ def slice_film(
 ) -> np.ndarray:
     """Far fields of light along the axis behind random phase screens that move, at instants one after the other.
 
+    Raise a `RuleError` as :func:`multi_slice`, and for motions that fall.
+
     Parameters
     ----------
     slab, wavelength, pitch, size, seed
@@ -154,11 +153,6 @@ def slice_film(
     -------
     complex64[F, size, size]
         As :func:`slice_views` yields them; light that was not scattered lies in bin 0.
-
-    Raises
-    ------
-    RuleError
-        As :func:`multi_slice`, and for motions that fall.
     """
     _check(slab, wavelength, pitch)
     steps = np.diff(array_from_zero("slice_film motions", motions))

@@ -24,8 +24,6 @@ class ScreenWaves:
 
     Attributes
     ----------
-    stack : ScreenStack
-    wavelength : float
     points : int
         Along a side.
     spacing : float

@@ -29,9 +29,6 @@ class SlitScreen:
 
     Attributes
     ----------
-    wavelength : float
-    boundary : "soft" or "hard"
-    slits : tuple of Segment
     unknowns : complex128[n]
         v h sin(t) (hard) or w (soft).
     angle : float

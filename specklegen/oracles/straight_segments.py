@@ -29,7 +29,6 @@ class Segment:
     Attributes
     ----------
     start, end : float64[2]
-    count : int
     ends : bool
         Nodes t = j pi / (count + 1) of a sine series if true, else t = (j + 1/2) pi / count of a cosine series.
     """

@@ -35,7 +35,6 @@ class CylinderGas:
 
     Attributes
     ----------
-    cylinder : Cylinder
     lower, upper : tuple of float
         Opposite corners (x, z).
     density : float

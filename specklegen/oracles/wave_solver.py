@@ -90,9 +90,7 @@ class Scattered:
 
     Attributes
     ----------
-    cylinder : Cylinder
     centres : float64[N, 2]
-    light : Light
     waves : complex128[L, 2M + 1, N]
         b_jn.
     """
@@ -151,12 +149,8 @@ class Scattered:
 def scatter(cylinder: Cylinder, centres: np.ndarray, light: Light) -> Scattered:
     """Solve the coupled system of equal cylinders at ``centres`` float64[N, 2], for all lights at once.
 
-    Dense: two matrices of 16 (N (2M + 1))^2 bytes, 144 MB each for 3000 cylinders of order 0, 1.3 GB of order 1.
-
-    Raises
-    ------
-    RuleError
-        If two cylinders overlap, or a line source lies in one.
+    Dense: two matrices of 16 (N (2M + 1))^2 bytes, 144 MB each for 3000 cylinders of order 0, 1.3 GB of order 1. Raise
+    a `RuleError` if two cylinders overlap, or a line source lies in one.
     """
     centres = _planar("centres", centres)
     k, order, number = cylinder.wavenumber, cylinder.order, len(centres)

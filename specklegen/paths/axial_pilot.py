@@ -28,7 +28,6 @@ class AxialPilot:
 
     Attributes
     ----------
-    light : AxialLight
     moments : PathMoments
         Of a path's weights, of more paths where rare ones carry the variance.
     intensity : float

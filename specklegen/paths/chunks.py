@@ -23,10 +23,8 @@ class Chunks:
 
     Attributes
     ----------
-    paths : int
     connections_per_path : float
         As a pilot found.
-    at_once : int
     """
 
     paths: int

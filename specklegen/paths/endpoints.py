@@ -35,7 +35,6 @@ class Endpoints:
         Whether they are points; else directions away from the medium.
     given : float64[n, 3] or FarFieldGrid
         Points or unit vectors; a grid is not spread out before somebody asks for :attr:`vectors`.
-    wavelength : float
     footprint, radius :
         Beam profile on the entrance plane; radius 0 is none.
     reference : float64[3]

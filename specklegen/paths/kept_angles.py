@@ -38,7 +38,6 @@ class Seen(NamedTuple):
         Which lights of the layout.
     layout : Layout
         With these alone.
-    bank : PathBank
     phases : complex128[M]
         Of the connections, whatever random ones they have.
     """

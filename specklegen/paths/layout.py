@@ -29,7 +29,6 @@ class Layout:
         The medium and its particles.
     lights, views : Endpoints
         The two ends of every connection.
-    wavelength : float
     faces : Faces
         Of a slab; those of other media are matched.
     middle : float64[3] or None

@@ -48,7 +48,6 @@ class LegsOf:
 
     Attributes
     ----------
-    medium : Slab or Stratified
     far : bool
         Whether they begin behind the far face, z = thickness.
     steepest : float

@@ -76,7 +76,6 @@ class FirstPaths:
 
     Attributes
     ----------
-    tracer : Tracer
     reverse : bool
         Whether paths count backwards too.
     seed : int
@@ -120,7 +119,6 @@ class Pilot(PilotNumbers):
 
     Attributes
     ----------
-    tracer : Tracer
     first : FirstPaths
         Of a film those of its rest.
     """

@@ -94,11 +94,8 @@ class PixelLight:
 
     Attributes
     ----------
-    scene : Scene
-    lens : Lens
     layout : Layout
         Of the scene as seen from afar.
-    bank : PathBank
     light : float64[3]
         Direction of travel.
     entering : float64[M]

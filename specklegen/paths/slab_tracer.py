@@ -131,14 +131,7 @@ def _types(shares: np.ndarray, seed: Seed, sample: int, orders: np.ndarray, path
 
 @dataclass(frozen=True)
 class SlabTracer:
-    """Beams or plane waves through a slab: paths in lock step, all starting along one direction.
-
-    Attributes
-    ----------
-    layout : Layout
-    medium : Slab or Stratified
-    proposal : Proposal
-    """
+    """Beams or plane waves through a slab: paths in lock step, all starting along one direction."""
 
     layout: Layout
     medium: PlaneMedium

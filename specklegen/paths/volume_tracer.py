@@ -28,7 +28,6 @@ class VolumeTracer:
 
     Attributes
     ----------
-    layout : Layout
     sources
         Where paths start.
     lobe : Lobe or None

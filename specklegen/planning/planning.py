@@ -160,7 +160,6 @@ class Options:
 
     Attributes
     ----------
-    sampler : str or type of Sampler
     asked : type of Sampler or None
         Class of the sampler that is asked for; None of "auto".
     mean, field_tolerance, streamed, envelope, realizations

@@ -271,10 +271,7 @@ AnyMotion = Annotated[Motion, *member_of(Motion)]
 def fastest(motions: Sequence[Motion | None]) -> tuple[Motion, np.ndarray] | None:
     """The fastest of a medium's motions, and the speed of each beside it, float64[n], 0 at rest; None where all rest.
 
-    Raises
-    ------
-    RuleError
-        For laws that differ by more than a factor.
+    Raise a `RuleError` for laws that differ by more than a factor.
     """
     moving = [motion for motion in motions if motion is not None and not isinstance(motion, Flow)]
     if not moving:

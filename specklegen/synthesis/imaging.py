@@ -499,6 +499,8 @@ def imagings(
 ) -> list[tuple[list[int], Imaging]]:  # fmt: skip
     """Prepare to draw media and image objects through them, those of one rank and grid together, and which they are.
 
+    Raise a `RuleError` if modes, or fields of so many on so many cells, would not fit into memory.
+
     Parameters
     ----------
     sight
@@ -513,11 +515,6 @@ def imagings(
         Their memory effect in time, of media that move, under light of one mode.
     precise
         Fields complex128, images float64.
-
-    Raises
-    ------
-    RuleError
-        If modes, or fields of so many on so many cells, would not fit into memory.
     """
     _require_time(sight, light)
     variance = speckle_variance(sight, correlations, light)

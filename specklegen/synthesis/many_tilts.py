@@ -59,7 +59,6 @@ class Circulant:
 
     Attributes
     ----------
-    tilts : int
     roots : complex[n, Q, r]
         Root of each of n frequencies, of the circle on which the tilts lie.
     ranks : int64[n]

@@ -91,7 +91,6 @@ class Modes:
 
     Attributes
     ----------
-    lattice : Lattice
     degree : int
         Highest total degree of the polynomials.
     columns : float64[M, N, N]
@@ -373,12 +372,8 @@ def karhunen_loeve(correlations: Correlations, lattice: Lattice, tolerance: floa
     """Modes of lattices of beams, one a medium: the media of each degree together, and which they are.
 
     What the modes of a medium leave out adds up to at most ``tolerance`` of the intensity, and every beam's intensity
-    is then restored to 1. On "meta", where there are no numbers, the first degree is enough.
-
-    Raises
-    ------
-    RuleError
-        If beams are so many, and so independent, that their modes would not fit into memory.
+    is then restored to 1. On "meta", where there are no numbers, the first degree is enough. Raise a `RuleError` if
+    beams are so many, and so independent, that their modes would not fit into memory.
     """
     degree, known = first_degree(lattice.full), memory(correlations, lattice)
     require_room(lattice.full, degree)

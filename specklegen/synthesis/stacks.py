@@ -71,7 +71,6 @@ class StackSampler:
         k (i_t - v_0), from the first view to each tilt, radians per length.
     rows, columns : complex[H, y.count], complex[W, x.count]
         Transforms from cells to views, for the matrix form.
-    shape : (H, W)
     fft : bool
         The FFT is cheaper than the matrix products.
     face : complex[H, W] or None
@@ -155,6 +154,8 @@ def stack_sampler(
 ) -> StackSampler:  # fmt: skip
     """Prepare the sampler of a scene with collimated beams and a far-field grid.
 
+    Raise a `RuleError` if the tilts reach too far for a transform of reasonable size.
+
     Parameters
     ----------
     scene, correlation
@@ -168,11 +169,6 @@ def stack_sampler(
         float64[T, 2], how far the medium has moved at each beam: the window lies so far off in its noise.
     roots
         Root [T, R] of the correlation complex128[T, T]; of films one that later frames leave as it is.
-
-    Raises
-    ------
-    RuleError
-        If the tilts reach too far for a transform of reasonable size.
     """
     dtype = dtype or torch.complex64
     beams, grid = scene.beams, scene.grid

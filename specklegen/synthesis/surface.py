@@ -145,7 +145,6 @@ class SurfaceImaging:
 
     Attributes
     ----------
-    film : SurfaceFilm
     level : float
         Contrast that is told of it, of polarised light.
     """

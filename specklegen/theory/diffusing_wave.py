@@ -82,6 +82,8 @@ def reflected_field(x: ArrayLike, *, extrapolation: float = EXTRAPOLATION) -> np
 def inferred_depths(field: float, x: float, *, extrapolation: float = EXTRAPOLATION) -> float:
     """Lambda that this theory reads off a slab's g1 at x, where D, k and hence x are known.
 
+    Raise a `RuleError` for a number outside its range, or a field that no slab between 1 and 1e6 transport lengths has.
+
     Parameters
     ----------
     field
@@ -90,11 +92,6 @@ def inferred_depths(field: float, x: float, *, extrapolation: float = EXTRAPOLAT
         tau / tau0 > 0.
     extrapolation
         As in :func:`transmitted_field`.
-
-    Raises
-    ------
-    RuleError
-        For a number outside its range, or a field that no slab between 1 and 1e6 transport lengths has.
 
     Examples
     --------

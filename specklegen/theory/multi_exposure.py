@@ -50,7 +50,8 @@ def multi_exposure_fit(
     """Fit the multi-exposure model to K^2 of several exposures, by relative least squares.
 
     From the best of a table, damped Gauss-Newton steps (Levenberg and Marquardt) in log tau_c and rho, the share held
-    within 0 and 1, and the time within a hundredth of the shortest exposure and a hundred times the longest.
+    within 0 and 1, and the time within a hundredth of the shortest exposure and a hundred times the longest. Raise a
+    `RuleError` for a number outside its range, or of shapes that do not go together.
 
     Parameters
     ----------
@@ -60,11 +61,6 @@ def multi_exposure_fit(
         float64[T] > 0, in any unit of time, two different ones at least.
     beta
         K^2 of the light at rest, above 0 and at most 1.
-
-    Raises
-    ------
-    RuleError
-        For a number outside its range, or of shapes that do not go together.
 
     Examples
     --------

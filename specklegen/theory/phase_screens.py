@@ -112,7 +112,6 @@ class Lobes:
         Variance of the angle along one axis that a deflection adds, 2 / (k xi_m)^2.
     shares : float64[N]
         P(n); their sum is the scattered share of the light, 1 - e^-OD.
-    wavenumber : float
     """
 
     counts: np.ndarray

@@ -111,9 +111,9 @@ def extrapolation_at_faces(inside: float, outside: float = 1.0, wall: float | No
 def memory_effect_at_faces(q: ArrayLike, optical_depth: float, extrapolation: float) -> np.ndarray:
     """C_I = K^2 of a slab whose faces reflect, float64 of the shape of ``q``.
 
-    K = (OD + 2h) kappa / {(1 - kappa^2)^2 [(1 + h^2 kappa^2) sinh(kappa OD) + 2 h kappa cosh(kappa OD)]} with
-    kappa = q / OD: diffusion with exponential depths of first and last vertices. Within 0.004 at an optical depth of 20
-    and 0.015 at 10.
+    K = (OD + 2h) kappa / {(1 - kappa^2)^2 [(1 + h^2 kappa^2) sinh(kappa OD) + 2 h kappa cosh(kappa OD)]} with kappa = q
+    / OD: diffusion with exponential depths of first and last vertices. Within 0.004 at an optical depth of 20 and 0.015
+    at 10. Raise a `RuleError` for an optical depth not above 0, or a q beyond the formula's reach.
 
     Parameters
     ----------
@@ -123,11 +123,6 @@ def memory_effect_at_faces(q: ArrayLike, optical_depth: float, extrapolation: fl
         Thickness over mean free path.
     extrapolation
         h, of :func:`extrapolation_at_faces`.
-
-    Raises
-    ------
-    RuleError
-        For an optical depth not above 0, or a q beyond the formula's reach.
     """
     _require_depth("memory_effect_at_faces", optical_depth)
     q = np.asarray(q, dtype=np.float64)

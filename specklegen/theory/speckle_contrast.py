@@ -188,6 +188,7 @@ def contrast_squared(field: FieldCorrelation, exposure: Annotated[float, TIME]) 
     """K^2 of any field correlation, 2 int_0^1 (1 - u) |g1(uT)|^2 du.
 
     On Gauss panels that shrink towards lag 0: to about 1e-13 for sums of exponentials and e^-sqrt, of whatever times.
+    Raise a `RuleError` for an exposure outside its range, or a correlation that is no number somewhere.
 
     Parameters
     ----------
@@ -195,11 +196,6 @@ def contrast_squared(field: FieldCorrelation, exposure: Annotated[float, TIME]) 
         g1 of lags float64[n], real or complex[n].
     exposure
         T >= 0, in the lags' unit.
-
-    Raises
-    ------
-    RuleError
-        For an exposure outside its range, or a correlation that is no number somewhere.
 
     Examples
     --------
@@ -294,17 +290,14 @@ def sub_frame_contrast_squared(field: FieldCorrelation, exposure: Annotated[floa
 def sub_frames(field: FieldCorrelation, exposure: Annotated[float, TIME], *, tolerance: float) -> int:
     """Fewest sub-frames whose K^2 is above the exposure's by at most ``tolerance`` of it.
 
+    Raise a `RuleError` for a number outside its range, or where 2**20 frames would not do.
+
     Parameters
     ----------
     field, exposure
         As in :func:`contrast_squared`; |g1|^2 falls and is convex.
     tolerance
         Relative, above 0.
-
-    Raises
-    ------
-    RuleError
-        For a number outside its range, or where 2**20 frames would not do.
 
     Examples
     --------
@@ -392,6 +385,8 @@ def motion_contrast_estimate(
         mean = S_2 + (3 S_2^2 - 4 S_3) / N,   variance = S_2^2 [2 + 6 S_4 / S_2^2 + 4 S_2 - 8 S_3 / S_2] / N
 
     Compare Skipetrov et al., Opt. Express 18, 14519 (2010). The traces are those of a matrix of sub-frames, to 0.1 %.
+    Raise a `RuleError` for a number outside its range, or an exposure of so many correlation times that 2048 sub-frames
+    would not do.
 
     Parameters
     ----------
@@ -399,11 +394,6 @@ def motion_contrast_estimate(
         As in :func:`contrast_squared`.
     grains
         N >= 2; the next order is about 10 / N of it.
-
-    Raises
-    ------
-    RuleError
-        For a number outside its range, or an exposure of so many correlation times that 2048 sub-frames would not do.
 
     Examples
     --------

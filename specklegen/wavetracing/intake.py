@@ -69,8 +69,6 @@ class Mended:
         The face as it was given that each comes from.
     solid : int32[F]
         The closed surface that each belongs to, -1 for none; those with a face that is a thin wall among none.
-    adjacency : Topology
-    report : Intake
     """
 
     vertices: np.ndarray

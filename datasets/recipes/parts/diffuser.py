@@ -161,11 +161,8 @@ class KnownDiffuser:
 
     Attributes
     ----------
-    slab : ScreenStack
-    correlation : ScreenCorrelation
     half_range : float
         Lateral wavevector difference at which C_I is half way to its floor; inf of a single screen.
-    estimator : Estimator
     """
 
     slab: ScreenStack

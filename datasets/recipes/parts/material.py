@@ -228,8 +228,6 @@ class CharacterizedMaterial:
 
     Attributes
     ----------
-    slab : Slab
-    correlation : MemoryEffectCorrelation
     half_range : float
         Lateral wavevector difference at which C_I is half way to its floor, per unit length; inf where there is none.
     estimator : Estimator

@@ -22,7 +22,6 @@ class Source:
         Of its beams along either axis.
     shared : float64[2n - 1, 2n - 1]
         W^(s)^2 of two beams by their difference, 0 first.
-    wavelength, width : float
     """
 
     sines: torch.Tensor

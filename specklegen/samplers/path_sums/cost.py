@@ -27,9 +27,6 @@ class Work:
 
     Attributes
     ----------
-    scene : Scene
-    paths : int
-    events_per_path, connections_per_path : float
     lock_step : bool
         Whether the walk is that of beams through a homogeneous slab.
     nufft : NufftPlan or None

@@ -30,7 +30,6 @@ class PathImaging:
         other.
     unit : float
         Expected intensity of a beam of brightness 1, over which images are given.
-    tilts : int
     shape : (h, w)
         Of the object.
     divisions : int
@@ -75,7 +74,6 @@ class PathMedia:
 
     Attributes
     ----------
-    imaging : PathImaging
     seeds : tuple of tuple of int
         Of each polarisation.
     """

@@ -51,8 +51,6 @@ class NufftPlan:
 
     Attributes
     ----------
-    tiling : Tiling
-    multiple : ViewFactor
     single : ViewFactor or None
         None where that of multiple scattering serves single scattering too: both are then transformed at once.
     single_share : float

@@ -42,7 +42,6 @@ class Tiling:
 
     Attributes
     ----------
-    grid : FarFieldGrid
     shape : (int, int)
         Rows and columns of every tile's transform.
     """

@@ -40,8 +40,6 @@ class ScreenCorrelation(MemoryEffectCorrelation):
 
     Attributes
     ----------
-    stack : ScreenStack
-    wavelength : float
     moved : float64[T, M, 2] or None
         How far each screen has moved at each beam of :meth:`correlation`.
     """

@@ -42,7 +42,6 @@ class Screens(MediaSampler, name="screens"):
 
     Attributes
     ----------
-    scene : Scene
     streamed : bool
         Whether the stack comes tilt by tilt.
     """

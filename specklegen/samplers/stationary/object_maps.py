@@ -29,7 +29,6 @@ class ObjectMaps:
     ----------
     scene : Scene
         Of an incoherent object before a regular grid.
-    envelope : Envelope
     box : (slice, slice)
         Rows and columns of the object that hold all pixels that shine.
     degree : int

@@ -54,7 +54,6 @@ class Prepared:
         As of :class:`~specklegen.samplers.stationary.sampler.Stationary`.
     tabulated : bool
         Whether the atlas has the memory-effect correlation.
-    threads : int or None
     """
 
     scene: Scene

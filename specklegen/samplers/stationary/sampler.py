@@ -51,7 +51,6 @@ class Stationary(MediaSampler, name="stationary"):
 
     Attributes
     ----------
-    scene : Scene
     paths : int
         Paths that estimate the memory-effect correlation, once for a medium; 0 where the atlas has it.
     form : "axial" or "oblique"
