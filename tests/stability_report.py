@@ -1,6 +1,6 @@
-"""Run every stiff and extreme case and write docs/stability.md.
+"""Run every stiff and extreme case and write docs/notes/stability.md.
 
-    python tests/stability_report.py [--slow] [--out docs/stability.md]
+    python tests/stability_report.py [--slow] [--out docs/notes/stability.md]
 
 Each row is a function of tests/stability/; tests/test_stability.py runs the same ones. Without ``--slow`` the
 rows that take minutes are named as not run.
@@ -17,7 +17,9 @@ from stability import FAST, SLOW
 from stability.row import FALSE_ALARM, Row
 from tqdm import tqdm
 
-INTRODUCTION = """# Numerical stability
+INTRODUCTION = """# Numerical stability: all rows
+
+The rows behind [stability.md](../stability.md).
 
 Stiff and extreme cases, each with the right answer and where it comes from. A Monte Carlo row passes within
 Student's bound at a false-alarm rate of {alarm:g}, shared by the row's comparisons; the worst of them is shown. A row
@@ -27,7 +29,7 @@ other work. The same functions (`tests/stability/`) are the tests of `tests/test
 
 {passed} of {run} rows pass or are refused with the reason{rest}.
 
-| case | right answer | source | ours | error | verdict | s |
+| case | right answer | source | ours | error | result | s |
 |---|---|---|---|---|---|---|
 """
 
@@ -52,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Read the command line, run, write; return 1 where a row fails."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--slow", action="store_true", help="also the rows that take minutes")
-    parser.add_argument("--out", type=Path, default=Path("docs/stability.md"), help="the page to write")
+    parser.add_argument("--out", type=Path, default=Path("docs/notes/stability.md"), help="the page to write")
     chosen = parser.parse_args(arguments)
     functions = (*FAST, *SLOW) if chosen.slow else FAST
     found = [timed(function) for function in tqdm(functions, unit="row")]

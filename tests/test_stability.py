@@ -1,4 +1,4 @@
-"""Every row of the stability report passes, or is refused with its reason: docs/stability.md and these tests agree."""
+"""Every row of the stability report passes, or is refused with its reason: its note and these tests agree."""
 
 import numpy as np
 import pytest

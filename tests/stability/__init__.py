@@ -1,4 +1,4 @@
-"""Rows of docs/stability.md: small functions that run one case each, for the report and for the tests alike."""
+"""Rows of docs/notes/stability.md: small functions that run one case each, for the report and for the tests alike."""
 
 from . import geometry, limits, media, points, sizes, slow
 
