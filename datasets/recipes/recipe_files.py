@@ -18,6 +18,8 @@ from specklegen.core.errors import reject
 from specklegen.core.registry import anchored
 from specklegen.core.tables import read_text, toml_table
 
+FIRST_RECIPES = ("through-slab", "through-slab-lab", "ground-glass", "unknown-slab", "tilt-stack", "brownian-slab")
+"""Recipes to begin with, in the order of lists."""
 LONGEST_CHAIN = 16
 """Recipes that inherit one another in a row, at most."""
 _MOST_READ = 256  # files: of lists within lists there are soon very many
@@ -25,15 +27,16 @@ _MOST_READ = 256  # files: of lists within lists there are soon very many
 
 @lru_cache(1)
 def recipe_names() -> tuple[str, ...]:
-    """Names of the packaged recipes.
+    """Names of the packaged recipes: six to begin with, then the others by name.
 
     Examples
     --------
     >>> from specklegen.datasets import recipe_names
-    >>> "through-slab" in recipe_names()
-    True
+    >>> recipe_names()[:3]
+    ('through-slab', 'through-slab-lab', 'ground-glass')
     """
-    return tuple(sorted(p.name.removesuffix(".toml") for p in _packaged().iterdir() if p.name.endswith(".toml")))
+    names = {p.name.removesuffix(".toml") for p in _packaged().iterdir() if p.name.endswith(".toml")}
+    return (*FIRST_RECIPES, *sorted(names.difference(FIRST_RECIPES)))
 
 
 @lru_cache(1)
@@ -121,7 +124,7 @@ def _parsed(source: str) -> dict[str, Any]:
     file = Path(source)
     if not _is_file(file):
         close = get_close_matches(file.name, recipe_names(), 1, 0.6)
-        remedy = f"Did you mean {close[0]}?" if close else "`specklegen recipes` lists the packaged ones."
+        remedy = f"Did you mean {close[0]}?" if close else "`specklegen recipes --all` lists the packaged ones."
         if file.suffix or file.parent != Path.cwd():
             reject("recipe", "a file that is there, or a packaged name", _relative(file), remedy)
         reject("recipe", f"one of {', '.join(recipe_names())}, or the path of a TOML file", _relative(file), remedy)

@@ -1,7 +1,7 @@
 """Examples of every command, shown below its options; a test reads each as the command line would."""
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
-    "recipes": ("recipes", "recipes show through-slab", "recipes schema hidden-object"),
+    "recipes": ("recipes", "recipes --all", "recipes show through-slab", "recipes schema hidden-object"),
     "recipes show": ("recipes show through-slab", "recipes show setup.toml --set material.g=0.8"),
     "recipes schema": ("recipes schema hidden-object", "recipes schema through-slab"),
     "plan": ("plan through-slab", "plan through-slab --set material.g=0.8 --samples 4096", "plan setup.toml --verbose"),

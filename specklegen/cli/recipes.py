@@ -20,19 +20,26 @@ recipes = typer.Typer(help="List the packaged recipes, show one, or the schema o
 
 
 @recipes.callback(invoke_without_command=True)
-def list_recipes(context: typer.Context, as_json: AsJson = False) -> None:
+def list_recipes(
+    context: typer.Context,
+    every: bool = option(False, "List all packaged recipes, not only the six to begin with.", "--all"),
+    as_json: AsJson = False,
+) -> None:
     """List the packaged recipes."""
-    from specklegen.datasets.recipes.recipe_files import recipe_names, recipe_table
+    from specklegen.datasets.recipes.recipe_files import FIRST_RECIPES, recipe_names, recipe_table
 
     if context.invoked_subcommand is not None:
         return
     # Tables alone: to list them, no recipe has to be made, and no engine loaded.
-    listed = [{"name": name, **_about(recipe_table(name))} for name in recipe_names()]
+    names = recipe_names() if every else FIRST_RECIPES
+    listed = [{"name": name, **_about(recipe_table(name))} for name in names]
     if as_json:
         echo_json(listed)
     else:
         for row in listed:
             typer.echo(f"{row['name']:24s} {row['description']}")
+        if not every:
+            typer.echo(f"{len(recipe_names()) - len(names)} more: specklegen recipes --all")
 
 
 def _about(table: dict[str, Any]) -> dict[str, str]:

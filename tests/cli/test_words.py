@@ -58,7 +58,8 @@ def test_version():
 
 
 def test_numbers_as_json(tmp_path, store):
-    assert {row["name"] for row in answer("recipes")} == set(recipe_names())
+    assert [row["name"] for row in answer("recipes", "--all")] == list(recipe_names())
+    assert [row["name"] for row in answer("recipes")] == list(recipe_names()[:6])
     assert answer("recipes", "show", "through-slab", "--set", "material.g=0.5")["material"]["g"] == 0.5
     planned = answer("plan", "through-slab", "--samples", 2, *SMALL)
     assert planned["cost"]["samples"] == 2

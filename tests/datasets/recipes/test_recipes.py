@@ -278,7 +278,8 @@ def test_schema_knows_every_field(kind):
 
 def test_command_line():
     run = CliRunner().invoke
-    listed = run(app, ["recipes"])
+    assert f"{len(recipe_names()) - 6} more: specklegen recipes --all" in run(app, ["recipes"]).output
+    listed = run(app, ["recipes", "--all"])
     assert listed.exit_code == 0
     assert all(name in listed.output for name in recipe_names())
     shown = run(app, ["recipes", "show", "unseen-material", "--set", "material.albedo=0.99"])
