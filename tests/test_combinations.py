@@ -209,15 +209,15 @@ def of_recipes(step: int, first: int = 0) -> Iterator[tuple[str, str]]:
 
 
 def test_curves_are_answered_or_refused():
-    check(of_media(curves(), 113), 0.2)
+    check(of_media(curves(), 227), 0.2)
 
 
 def test_scenes_are_answered_or_refused():
-    check(of_media(scenes(), 67), 0.2)
+    check(of_media(scenes(), 131), 0.2)
 
 
 def test_changed_recipes_are_answered_or_refused():
-    check(of_recipes(139), 0.2)
+    check(of_recipes(277), 0.2)
 
 
 def test_what_is_neither_is_found():

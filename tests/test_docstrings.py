@@ -2,6 +2,7 @@
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -24,11 +25,11 @@ def reason(first: str) -> str | None:
     return None
 
 
-def docstrings(folder: str):
-    """Yield place and text of every docstring of a folder."""
-    for file in (ROOT / folder).rglob("*.py"):
-        if ROOT.joinpath(folder) in file.resolve().parents:
-            yield from ((f"{file.relative_to(ROOT)}:{line}", text) for line, text in texts(file))
+@cache
+def docstrings(folder: str) -> list[tuple[str, str]]:
+    """List place and text of every docstring of a folder."""
+    files = [file for file in (ROOT / folder).rglob("*.py") if ROOT / folder in file.resolve().parents]
+    return [(f"{file.relative_to(ROOT)}:{line}", text) for file in files for line, text in texts(file)]
 
 
 def texts(file: Path):

@@ -84,7 +84,7 @@ def assert_sensible(scene: sg.Scene, found: sg.results.Covariance) -> None:
 
 
 # ---- Valid scenes --------------------------------------------------------------------------------------
-@few_and_many(40, 1000)
+@few_and_many(16, 1000)
 def test_any_scene_has_a_covariance_a_plan_and_an_image(count):
     @examples(count)
     @given(scene=scenes(), seed=st.integers(0, 2**32), reverse=st.sampled_from([True, False, "auto"]))
@@ -110,7 +110,7 @@ def test_any_scene_has_a_covariance_a_plan_and_an_image(count):
     check()
 
 
-@few_and_many(30, 500)
+@few_and_many(16, 500)
 def test_the_mean_field_is_finite_or_refused(count):
     @examples(count)
     @given(scene=scenes())
@@ -125,7 +125,7 @@ def test_the_mean_field_is_finite_or_refused(count):
     check()
 
 
-@few_and_many(20, 300)
+@few_and_many(10, 300)
 def test_any_unit_of_length_gives_the_same_light(count):
     """All lengths times a power of two: the same paths, to rounding; C is an area, a ratio, or one over an area."""
 
@@ -173,7 +173,7 @@ def test_any_unit_of_length_gives_the_same_light(count):
     check()
 
 
-@few_and_many(10, 200)
+@few_and_many(6, 200)
 def test_no_more_light_leaves_than_enters(count):
     """Forward paths only: the integral of I over all directions is at most what meets the medium."""
 
@@ -200,7 +200,7 @@ def test_no_more_light_leaves_than_enters(count):
     check()
 
 
-@few_and_many(25, 500)
+@few_and_many(12, 500)
 def test_memory_effect_of_any_slab(count):
     @st.composite
     def cases(draw):
@@ -255,7 +255,7 @@ SCREENS = (  # why the screens sampler does not draw a scene
 )  # fmt: skip
 
 
-@few_and_many(15, 500)
+@few_and_many(8, 500)
 def test_any_screens(count):
     @examples(count)
     @given(scene=screen_scenes(), seed=st.integers(0, 99))
@@ -276,7 +276,7 @@ def test_any_screens(count):
     check()
 
 
-@few_and_many(10, 400)
+@few_and_many(6, 400)
 def test_any_recipe_gives_samples_or_says_why_not(count):
     """Finite, of the layout, the same again, and the same of the recipe as a store writes it down."""
 
@@ -305,7 +305,7 @@ def test_any_recipe_gives_samples_or_says_why_not(count):
     check()
 
 
-@few_and_many(60, 3000)
+@few_and_many(30, 3000)
 def test_any_opening_passes_no_more_than_its_area(count):
     """Or is refused for its corners; its far field is strongest straight ahead, where it is the area."""
 
@@ -327,7 +327,7 @@ def test_any_opening_passes_no_more_than_its_area(count):
     check()
 
 
-@few_and_many(60, 3000)
+@few_and_many(30, 3000)
 def test_any_source_has_modes_of_its_power(count):
     """A Gaussian Schell model of points anywhere; what passes through a random system is as coherent as can be."""
 
@@ -382,7 +382,7 @@ BREAKS = [
 ]
 
 
-@few_and_many(150, 2000)
+@few_and_many(80, 2000)
 def test_a_broken_field_is_named(count):
     @examples(count)
     @given(data=st.data(), choice=st.sampled_from(BREAKS))
