@@ -1,3 +1,4 @@
+from .judging.baselines import katz as katz
 from .judging.benchmark import benchmark as benchmark
 from .judging.evaluation import evaluate as evaluate
 from .learning.networks.network import Network as Network
@@ -28,6 +29,7 @@ from .recoverability.photograph import PhotographVerdict as PhotographVerdict
 from .recoverability.photograph import judge_photograph as judge_photograph
 from .recoverability.verdict import Verdict as Verdict
 from .recoverability.verdict import recoverable as recoverable
+from .retrieval.autocorrelation import autocorrelation as autocorrelation
 from .retrieval.measured_memory_effect import measured_memory_effect as measured_memory_effect
 from .retrieval.phase_retrieval import Retrieval as Retrieval
 from .retrieval.phase_retrieval import retrieve as retrieve

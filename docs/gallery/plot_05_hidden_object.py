@@ -11,8 +11,7 @@ from matplotlib import pyplot as plt
 from specklegen.core.statistics import autocorrelation
 from specklegen.datasets import load_recipe
 from specklegen.datasets.loading.stream import tensors
-from specklegen.models import Retrieval, evaluate, load_pretrained
-from specklegen.models.judging.baselines import katz
+from specklegen.models import Retrieval, evaluate, katz, load_pretrained
 
 recipe = load_recipe("unknown-slab")
 batch = tensors(recipe.batch(0, "test", range(3)))

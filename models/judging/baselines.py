@@ -108,7 +108,9 @@ def katz(
     division: Division | Literal["expected"] = "expected", apodise: bool = False, camera: Stated | None = None,
     profile: Profile | None = None,
 ) -> Method:  # fmt: skip
-    """Phase retrieval from the same lags that a network sees, camera noise taken off.
+    """Return phase retrieval (Katz et al. 2014) as a method: a function of a batch to images float32[B, n, n].
+
+    It sees the autocorrelation that a network sees, without the variance of the camera's noise.
 
     Parameters
     ----------
@@ -128,6 +130,15 @@ def katz(
         What is known of its noise; by default the recipe's camera, or nothing where none is given.
     profile
         Of the window, which says where noise is read; by default that of the recipe, or nothing.
+
+    Examples
+    --------
+    >>> from specklegen.datasets import load_recipe
+    >>> from specklegen.datasets.loading.stream import tensors
+    >>> from specklegen.models import Retrieval, katz
+    >>> recipe = load_recipe("through-slab", {"material": {"kernel_paths": 1000}})
+    >>> katz(Retrieval(restarts=2, steps=2))(tensors(recipe.batch(0, "test", [0]))).shape[0]
+    1
     """
     shape = profile if recipe is None else recipe.profile
     stated = camera or ("unknown" if recipe is None else recipe.exposure or "none")

@@ -19,6 +19,7 @@ import torch
 from scipy.fft import next_fast_len
 from torch import Tensor
 
+from specklegen.core.arguments import real_tensor, whole_number
 from specklegen.core.errors import reject
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation
 from specklegen.models.retrieval.edges import pair_counts, shares_of, tapered
@@ -82,12 +83,12 @@ def lag_means(fluctuations: Tensor, reach: tuple[int, int], taper: Tensor | floa
 def autocorrelation(
     images: Tensor, window: int, *, sigma: float | None = None, electrons: float = float("inf"), read_noise: float = 0.0
 ) -> Tensor:
-    """Autocovariance of camera images over the square of their mean, averaged over frames, float64[..., n, n].
+    """Return the autocovariance of camera images over their squared mean, averaged over frames, float64[..., n, n].
 
-    Zero-padded (Wiener-Khinchin), each lag over the number of its pixel pairs, less the mean of a ring of lags just
-    outside the window, less at the zero lag what the camera's noise adds. Without ``sigma`` the expectation is the true
-    autocovariance, up to the share 1/grains by which the mean of one image is not known. Raise a `RuleError` if the
-    window is odd, or the images are too small for its ring, or dark.
+    Images are zero-padded (Wiener-Khinchin), and each lag is divided by the number of its pixel pairs. Subtracted are
+    the mean of a ring of lags just outside the window, and at the zero lag the variance of the camera's noise. Lags are
+    in pixels and in the order of an FFT: the zero lag first. Without ``sigma`` the estimate is unbiased but for a share
+    of 1 / speckles, since the mean of one image is not known.
 
     Parameters
     ----------
@@ -102,13 +103,27 @@ def autocorrelation(
         Photo-electrons that an image value of 1 stands for; by default infinite, no shot noise.
     read_noise
         Standard deviation of the readout, electrons.
+
+    Raises
+    ------
+    RuleError
+        If the window is odd, or images are dark or too small for the ring.
+
+    Examples
+    --------
+    >>> import torch
+    >>> from specklegen.models import autocorrelation
+    >>> speckle = torch.empty(1, 1, 64, 64).exponential_(generator=torch.Generator().manual_seed(0))
+    >>> autocorrelation(speckle, 16).shape
+    torch.Size([1, 16, 16])
     """
-    if images.ndim < 3:
+    whole_number("autocorrelation window", window, 8)
+    if real_tensor("autocorrelation images", images).ndim < 3:
         reject("autocorrelation images", "of shape [..., frames, rows, columns]", tuple(images.shape))
     shape = images.shape[-2:]
     inner, outer = ring(window)
-    if window < 8 or window % 2:
-        reject("autocorrelation window", "even, at least 8", window)
+    if window % 2:
+        reject("autocorrelation window", "even", window)
     if min(shape) <= outer:
         reject("autocorrelation images", f"more than {outer} pixels a side", tuple(shape), "Use a smaller window.")
     images = images.double()

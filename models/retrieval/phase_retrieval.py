@@ -126,7 +126,7 @@ def retrieve(
     Parameters
     ----------
     autocorrelation
-        real[B, n, n], of :func:`~specklegen.models.retrieval.autocorrelation.autocorrelation`.
+        real[B, n, n], of :func:`~specklegen.models.autocorrelation`.
     retrieval
         Restarts, iterations, support, extent; by default ``Retrieval()``.
     memory_effect
@@ -147,8 +147,7 @@ def retrieve(
     Examples
     --------
     >>> import torch
-    >>> from specklegen.models import Retrieval, retrieve
-    >>> from specklegen.models.retrieval.autocorrelation import autocorrelation
+    >>> from specklegen.models import Retrieval, autocorrelation, retrieve
     >>> image = torch.zeros(1, 32, 32)
     >>> image[0, 10:20, 12:16] = 1.0
     >>> found = retrieve(autocorrelation(image[:, None], 32), Retrieval(restarts=2, extent=12.0))
