@@ -347,7 +347,7 @@ def fit_material(
     ----------
     observations
         Values of :mod:`specklegen.measured`: `MemoryCurve`, `Transmittance`, `TemporalCurve`, `BallisticFraction`,
-        and, without a model, `ContrastVersusBandwidth`.
+        `ContrastVersusBandwidth`. With a model, the latter of scalar light through layers without index steps.
     wavelength
         Inside the medium, in the unit of length of all lengths; of layers in the index ``faces.inside``. One number, or
         with a model one for each observation.

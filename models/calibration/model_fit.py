@@ -24,11 +24,20 @@ from specklegen.core.arguments import real_number
 from specklegen.core.budgets import Budget
 from specklegen.core.errors import reject
 from specklegen.mean.reflectance import reflectance_transmittance
-from specklegen.measured.observations import BallisticFraction, MemoryCurve, Observation, TemporalCurve, Transmittance
+from specklegen.measured.observations import (
+    BallisticFraction,
+    ContrastVersusBandwidth,
+    MemoryCurve,
+    Observation,
+    TemporalCurve,
+    Transmittance,
+)
 from specklegen.memory_effects.curve import memory_effect
 from specklegen.memory_effects.temporal import temporal_correlation
 from specklegen.models.calibration.least_squares import Held, minimize, nothing_held
 from specklegen.scene.media import PlaneMedium
+from specklegen.scene.polarisation import require_scalar
+from specklegen.synthesis.spectrum import estimate_spectral_correlation
 
 Model = Callable[..., PlaneMedium | Sequence[PlaneMedium]]
 """The medium of free numbers given by name, or one medium for each observation."""
@@ -293,12 +302,15 @@ def _run(
         elif isinstance(each, TemporalCurve):
             found = temporal_correlation(medium, wavelength=wavelength, lags=each.at, **fields)
             value = 1 + each.beta * found.intensity
+        elif isinstance(each, ContrastVersusBandwidth):
+            require_scalar(f"{owner} model", medium)
+            lengths = estimate_spectral_correlation(medium, **fields)
+            value = [lengths.contrast(width, each.spectrum) for width in each.at]
         elif isinstance(each, Transmittance | BallisticFraction):
             light = reflectance_transmittance(medium, **fields)
             value = [light.ballistic if isinstance(each, BallisticFraction) else light.transmittance]
         else:
-            reject(f"{owner} observations", "other than this for a model", each,
-                   "Give a MemoryCurve, TemporalCurve, Transmittance or BallisticFraction.")  # fmt: skip
+            reject(f"{owner} observations", "other than this for a model", each)
         parts.append(value)
     row = np.concatenate(parts)
     if not np.isfinite(row).all():

@@ -52,5 +52,6 @@ MILK = Preset(
      "Michalski, Briard and Michel, Lait 81, 787 (2001): index of milk fat, read in the abstract"),
     make, "Relative widths of the radii, 0.6 and 0.4, are assumed; lactose and whey are left out of the index of "
     "water. mu_s (1 - g) is 3.7 to 5.6 / mm from 650 to 475 nm where whole milk was measured to have 2.6 to 3.8 (2.9 "
-    "to 4.5 with globules of 1 micrometre), and .85 to 2.0 for the .7 to 1.9 of skimmed milk.",
+    "to 4.5 with globules of 1 micrometre), and 0.85 to 2.0 for the 0.7 to 1.9 of skimmed milk. "
+    "Particles scatter independently: PercusYevick is of spheres of one size, which these are far from.",
 )  # fmt: skip

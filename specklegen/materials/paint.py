@@ -32,5 +32,6 @@ PAINT = Preset(
      "Thiele and French, Journal of the American Ceramic Society 81, 469 (1998): the mean index serves as well as the "
      "mean of both cross-sections, read in the abstract",
      _CROWDED + ": read in the abstract"),
-    make, "Above 1 % of pigment neighbors act on each other, and real paint scatters less than this.",
+    make, "Above 1 % of pigment neighbors act on each other, and real paint scatters less than this. PercusYevick "
+    "would add that their places depend on each other, not that their near fields do.",
 )  # fmt: skip

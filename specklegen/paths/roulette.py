@@ -34,6 +34,7 @@ TIMES = 2.0  # that the added variance counts
 SLAB_PATHS = VOLUME_PATHS = 4096  # of the pilots
 SCENE_PATHS = 1024  # of a scene's slab: its plan may take longer than its render
 _SLAB_EVENT, _VOLUME_EVENT = 0.05, 0.01  # cost of a scattering event, in connections by the NUFFT or the direct sum
+_MOST_ADDED = 0.5  # of the variance without it, that the roulette may add to correlations behind unlike layers
 _TRIED = 1000  # thresholds
 _LEAST_AT_ONCE, _EVENTS_AT_ONCE = 256, 2**15  # paths of a slab's pilot, or their events; all of them are 16 MB at most
 _FIRST_PATHS = 64  # of a pilot, which tell how many more its memory allows
@@ -70,8 +71,9 @@ def between_probes(
 
 
 def cheapest_threshold(
-    judged: np.ndarray, contributions: np.ndarray, paths: np.ndarray, count: int, event: float
-) -> float:
+    judged: np.ndarray, contributions: np.ndarray, paths: np.ndarray, count: int, event: float,
+    most_added: float = math.inf,
+) -> float:  # fmt: skip
     """Threshold of the least work for an error, as a pilot that kept all its connections knows it.
 
     Parameters
@@ -86,6 +88,8 @@ def cheapest_threshold(
         Paths of the pilot.
     event
         Cost of a scattering event, each of which made one connection, over that of a connection that is kept.
+    most_added
+        Largest variance that the roulette may add, over that without it.
     """
     largest, brightest = float(judged.max(initial=0.0)), float(contributions.max(initial=0.0))
     if largest == 0 or brightest == 0:
@@ -104,6 +108,7 @@ def cheapest_threshold(
             below, over = np.cumsum(squares)[tried], np.cumsum(squares / t)[tried]
             added = np.maximum(t[tried] * over - below, 0.0) / count
             relative = np.maximum(relative, (whole.var() + TIMES * added) / mean**2)
+            relative[added > most_added * max(whole.var(), 1e-300)] = math.inf
     best = np.argmin((event * len(paths) / count + kept) * relative)
     return largest * float(t[tried[best]]) or largest
 
@@ -119,7 +124,8 @@ def _by_brightness(judged: np.ndarray, contributions: np.ndarray) -> tuple[np.nd
 
 def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTracer:
     """Set the threshold of a slab's tracer from a pilot under one light, at the views by which it judges."""
-    return judging(tracer, _slab_threshold(tracer, light, seed, SLAB_PATHS))
+    most_added = _MOST_ADDED if as_slab(tracer.medium) is None else math.inf
+    return judging(tracer, _slab_threshold(tracer, light, seed, SLAB_PATHS, most_added))
 
 
 def judging(tracer: SlabTracer, threshold: float | None) -> SlabTracer:
@@ -134,7 +140,9 @@ def scene_threshold(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> float 
     return _slab_threshold(tracer, light, seed, SCENE_PATHS)
 
 
-def _slab_threshold(tracer: SlabTracer, light: np.ndarray, seed: Seed, paths: int) -> float | None:
+def _slab_threshold(
+    tracer: SlabTracer, light: np.ndarray, seed: Seed, paths: int, most_added: float = math.inf
+) -> float | None:
     fitting = int(_SLAB_CONNECTIONS / (tracer.events_per_path * max(len(tracer.proposal.probes), 1)))
     layout = tracer.layout.at(light, tracer.proposal.probes)
     at_once = max(_LEAST_AT_ONCE, int(_EVENTS_AT_ONCE / tracer.events_per_path))
@@ -152,7 +160,7 @@ def _slab_threshold(tracer: SlabTracer, light: np.ndarray, seed: Seed, paths: in
     del parts
     if len(owners) == 0:
         return None
-    return cheapest_threshold(found.max(axis=0), found, owners, count, _SLAB_EVENT)
+    return cheapest_threshold(found.max(axis=0), found, owners, count, _SLAB_EVENT, most_added)
 
 
 def _how_far(bank: PathBank, thickness: float) -> np.ndarray:

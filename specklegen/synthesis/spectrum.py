@@ -35,7 +35,7 @@ from specklegen.core.statistics import BATCHES, jackknife
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, axial_tracer, lateral_distance
 from specklegen.paths.endpoint_factors import contributions
 from specklegen.paths.steps import refracting_layers
-from specklegen.scene.media import Slab
+from specklegen.scene.media import PlaneMedium
 
 Spectrum = Literal["gaussian", "flat"]
 
@@ -83,6 +83,15 @@ class SpectralCorrelation:
         waves = np.exp(1j * np.asarray(dk, dtype=np.float64)[:, None] * self.excess)
         sums = np.concatenate([self.weights @ waves.T, self.weights.sum(axis=1, keepdims=True)], axis=1)
         return jackknife(sums, lambda total: np.square(np.abs(total[:-1] / total[-1])))
+
+    def contrast(self, width: float, spectrum: Spectrum = "gaussian") -> float:
+        """Contrast of one beam's speckle in light of a full width in wavenumber inside the slab.
+
+        Its square is the mean of |S^(s - s')|^2 over pairs of path lengths, the sum of all mu_n^2.
+        """
+        share = self.weights.sum(axis=0) / self.weights.sum()
+        pairs = np.square(spectrum_transform(spectrum, width, self.excess[:, None] - self.excess))
+        return float(np.sqrt(share @ pairs @ share))
 
     def joint_correlation(self, q: float, dk: np.ndarray) -> np.ndarray:
         """E[w J0(q r) e^(i dk s)] / E[w] between two tilts and two wavenumbers: what the modes approximate."""
@@ -132,11 +141,12 @@ class LightModes:
 
 
 def estimate_spectral_correlation(
-    medium: Slab, paths: int, seed: Seed, *, threads: int | None = None
+    medium: PlaneMedium, paths: int, seed: Seed, *, threads: int | None = None
 ) -> SpectralCorrelation:
-    """Estimate C of a slab in transmission along the axis, from ``paths`` paths in 64 batches.
+    """Estimate C in transmission along the axis, from ``paths`` paths in 64 batches.
 
-    With the seed of :func:`estimate_correlation` it is made from the same paths.
+    Of a slab, or of layers without steps of the index. With the seed of :func:`estimate_correlation` it is made from
+    the same paths.
     """
     if refracting_layers(medium):
         reject("estimate_spectral_correlation medium", "of one index, or a Slab behind its faces", medium,
@@ -147,7 +157,8 @@ def estimate_spectral_correlation(
     radius = lateral_distance(bank)
     single = bank.orders == 1
     excess = bank.entry[:, 2] + bank.length - bank.exit[:, 2]  # single scattering: 0, or the ways between faces
-    far = _geometric(radius, medium.thickness + medium.transport_length)
+    transport = medium.mean_free_path / (1 - medium.scatterer.mean_cosine())
+    far = _geometric(radius, medium.thickness + transport)
     late = _quantiles(excess, weight)
     batches = min(BATCHES, max(paths, 1))
     bounds = np.linspace(0, paths, batches + 1).astype(int)

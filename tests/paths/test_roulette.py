@@ -51,6 +51,22 @@ def test_the_threshold_makes_the_least_work_for_an_error(spread, unit, monkeypat
     assert work(found) < 0.98 * work(found / 3)
 
 
+def test_the_roulette_adds_no_more_variance_than_it_may():
+    """Of two views, each judged by its own light: the least work would add more, and so does a threshold 1.1 higher."""
+    w, owners, count = lognormal_paths(2.0, 1)
+    both = np.concatenate([w, w * (np.arange(w.shape[1]) % 7 == 0)])
+
+    def added(t):
+        variances = [np.bincount(owners, each, count).var() for each in both]
+        more = [(np.square(each) * np.maximum(t / w[0] - 1, 0)).sum() / count for each in both]
+        return max(m / v for m, v in zip(more, variances, strict=True))
+
+    found = cheapest_threshold(w[0], both, owners, count, 0.01, 0.1)
+    assert added(cheapest_threshold(w[0], both, owners, count, 0.01)) > 0.3
+    assert added(found) <= 0.1
+    assert added(1.1 * found) > 0.1
+
+
 @pytest.mark.parametrize("light", [0.0, 5e-324, 1e-300, 1.0])
 def test_equal_connections_are_all_kept(light):
     """Those of no weight are not."""

@@ -174,3 +174,12 @@ def test_mean_of_images_in_wide_light():
     images = [made.image(made.medium(3, n), OBJECT).mean().item() / (made.mean * OBJECT.sum()) for n in range(100)]
     assert_mean(np.array(images), 1.0)
     refute_mean(np.array(images) * (1 - light.flat), 1.0)
+
+
+@pytest.mark.parametrize("spectrum", ["gaussian", "flat"])
+def test_contrast_is_that_of_all_modes(spectrum):
+    found = correlation(0.9, paths=10_000)
+    for width in wavenumbers([0.2, 1.0]):
+        modes = light_modes(found, width, spectrum, tolerance=0.0, most=1000)
+        assert found.contrast(width, spectrum) == pytest.approx(modes.contrast, rel=1e-9)
+        assert found.contrast(1.01 * width, spectrum) != pytest.approx(modes.contrast, rel=1e-5)

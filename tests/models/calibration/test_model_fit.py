@@ -8,6 +8,7 @@ from scipy.stats import binom, chi2
 import specklegen as sg
 from specklegen.measured import BallisticFraction, ContrastVersusBandwidth, MemoryCurve, TemporalCurve, Transmittance
 from specklegen.models.calibration import model_fit
+from specklegen.synthesis.spectrum import estimate_spectral_correlation
 
 FALSE_ALARM = 1e-6
 WAVELENGTH = 0.5
@@ -149,6 +150,24 @@ def test_curves_in_time_and_units():
     data = TemporalCurve([f"{lag} s" for lag in lags], exact, 0.02)
     fit = sg.fit_material(data, wavelength="500 nm", model=cell, free={"diffusion": (0.5, 8.0)}, paths=1000)
     assert 2.0 in fit.interval(0.999)["diffusion"]
-    contrast = ContrastVersusBandwidth([0.01, 0.02], [0.5, 0.4], 0.1)
-    assert_refused(lambda: sg.fit_material(contrast, wavelength=0.5, model=walled, free={
-        "mean_free_path": (100.0, 400.0), "g": (0.5, 0.9)}), "fit_material observations must be")  # fmt: skip
+
+
+def test_contrast_in_light_of_many_wavelengths():
+    """Of layers of two kinds, and of a slab behind its faces."""
+    def pair(g):
+        layer = sg.Layer(thickness=50.0, mean_free_path=25.0, scatterer=sg.HenyeyGreenstein(g))
+        return sg.Layers([layer, layer.replace(scatterer=sg.HenyeyGreenstein(0.3))])
+
+    widths = np.array([0.01, 0.03, 0.1])
+    light = estimate_spectral_correlation(pair(0.8), 50_000, 99)
+    exact = [light.contrast(width) for width in widths]
+    data = ContrastVersusBandwidth(widths, exact, 0.01)
+    fit = sg.fit_material(data, wavelength=0.5, model=pair, free={"g": (0.5, 0.95)}, paths=500)
+    assert 0.8 in fit.interval(0.999)["g"]
+    assert 0.85 not in fit.interval(0.999)["g"]
+    far = ContrastVersusBandwidth([0.01], [0.5], 0.1)
+    assert sg.fit_material(far, wavelength=0.5, model=lambda g: walled(200.0, g), free={"g": (0.5, 0.9)},
+                           paths=100).degrees == 0  # fmt: skip
+    for medium in (cell(0.8), pair(0.8).replace(polarisation="projector")):
+        ask = {"wavelength": 0.5, "model": lambda g, medium=medium: medium, "free": {"g": (0.5, 0.9)}}
+        assert_refused(lambda ask=ask: sg.fit_material(data, **ask), "medium must be|model must be")
