@@ -31,7 +31,10 @@ _RULES = {
     "figure without zero": re.compile(r"(?<![\w.\])])\.\d"),
     "first word": re.compile(r"(?:What|Whether|How|Where|The same|That)\b"),
 }
-_NO_PROSE = re.compile(r"```.*?```|~~~.*?~~~|^:{3,}.*?$|^ *\|.*?$|\$\$.*?\$\$|<!--.*?-->|^---\n.*?\n---$", re.S | re.M)
+_NO_PROSE = re.compile(
+    r"```.*?```|~~~.*?~~~|^:::\{toctree\}.*?^:::$|^:{3,}.*?$|^ *\|.*?$|\$\$.*?\$\$|<!--.*?-->|^---\n.*?\n---$",
+    re.S | re.M,
+)
 _MARKS = re.compile(r"``.*?``|`[^`]*`|\$[^$]*\$|!?\[([^\]]*)\]\([^)]*\)|\{[\w:-]+\}")
 _FIGURE = re.compile(r"(?<![\w.])[\d.]*\d[\d.]*(?:e-?\d+)?")
 _MESSAGES = ("reject", "_refuse", "warn", "RuleError", "ValueError", "OSError", "Failed")

@@ -165,7 +165,10 @@ def test_a_command_on_a_page_is_one(command):
         name, inner, rest = outer.resolve_command(context, list(words))
         while inner is not None and hasattr(inner, "resolve_command"):  # a command of commands
             context = inner.make_context(name, list(rest), parent=context, resilient_parsing=True)
-            name, inner, rest = inner.resolve_command(context, list(rest))
+            rest = [*getattr(context, "_protected_args", []), *context.args]  # less the group's own options
+            if inner.invoke_without_command and not rest:
+                return
+            name, inner, rest = inner.resolve_command(context, rest)
         assert inner is not None
         assert inner.make_context(name, rest, parent=context).args == []
 

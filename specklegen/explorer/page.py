@@ -234,7 +234,7 @@ _PANELS = (
     Panel("Autocorrelation", False, _lags, _SEEING),
     Panel("Memory effect", False, _curve, _SEEING + _MOTION),
     Panel("Phase retrieval (Katz)", False, _katz, _SEEING),
-    Panel("Verdict", False, _verdict, _SEEING),
+    Panel("Feasibility", False, _verdict, _SEEING),
     Panel("Recipe", True, _text(toml), _VIEWS),
     Panel("The same as Python", True, _text(python), _VIEWS),
 )

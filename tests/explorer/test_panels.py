@@ -183,7 +183,7 @@ def test_a_laboratory_is_what_its_lengths_say():
 
 
 def test_panels_come_one_by_one_and_old_ones_are_grey_until_then(monkeypatch):
-    titles = ["What the camera sees", "Verdict", "Recipe"]
+    titles = ["What the camera sees", "Feasibility", "Recipe"]
     made = tuple(
         page.Panel(title, False, lambda state, title=title: f"{title} of {state.sample}", (BEGIN.view,))
         for title in titles
@@ -197,7 +197,7 @@ def test_panels_come_one_by_one_and_old_ones_are_grey_until_then(monkeypatch):
     second = list(page.coming(BEGIN.replace(sample=4), kept))
     assert [text.count("of 4") for text in second] == [1, 2, 3]
     assert [text.count("of 3") for text in second] == [2, 1, 0]
-    assert re.search(r'class="sg-late">Verdict of 3<', second[0])
+    assert re.search(r'class="sg-late">Feasibility of 3<', second[0])
 
 
 VIEWS = CONTROLS["view"].steps
