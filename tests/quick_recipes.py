@@ -6,6 +6,7 @@ from specklegen.datasets import load_recipe, recipe_names
 
 KIN = {"any-object": "unknown-slab", "characters-of-new-fonts": "unknown-slab", "one-angular-size": "unknown-slab",
        "unseen-material": "unknown-slab", "through-slab-lab": "through-slab", "brownian-slab": "dynamic-slab",
+       "ground-glass-bench": "ground-glass",
        "registered-tilts": "material-regression", "star-behind-slab": "masked-light-slab",
        "tissue-microscope": "refocus-stack", "wide-field": "unknown-slab"}  # fmt: skip
 """Recipes that another one's program draws, from other numbers or objects: slow tests look at them too."""
@@ -17,7 +18,8 @@ def packaged(which=lambda name: True):
     return [pytest.param(name, marks=pytest.mark.slow) if name in KIN else name for name in names]
 
 
-SMALLER = {"flow-vessel": {"camera": {"shape": [48, 48]}}, "refocus-stack": {"lens": {"planes": 2}}}
+SMALLER = {"flow-vessel": {"camera": {"shape": [48, 48]}}, "ground-glass-bench": {"camera": {"shape": [96, 96]}},
+           "refocus-stack": {"lens": {"planes": 2}}}
 """Changes of recipes whose images take long: a quarter of the pixels or planes."""
 
 

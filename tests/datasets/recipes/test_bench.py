@@ -190,3 +190,22 @@ def test_what_is_not_modelled_is_refused(name, changes, message):
 def test_no_verdict_is_given_on_benches_that_differ():
     recipe = load_recipe("through-slab", SMALL | {"bench": {"blur": {"uniform": [0.0, 2.0]}}})
     assert_refused(lambda: recoverable(recipe), "recoverable recipe must be without a bench")
+
+
+def test_the_packaged_bench_is_as_it_is_said():
+    """Contrast is that of counts over a smooth envelope, black level off."""
+    recipe = load_recipe("ground-glass-bench", {"media": 4})
+    made = recipe.batch(0, "train", range(12))
+    grains = recipe.camera.shape[0] / recipe.camera.pixels_per_grain
+    assert made["image"].shape == (12, 512, 512)
+    assert grains > 200
+    camera = made["parameters"]["bench_camera"].astype(int)
+    assert set(camera) == {0, 1}
+    light = made["image"] - np.array([2.0, 50.0])[camera][:, None, None]
+    assert made["image"][camera == 0].max() < 256 <= made["image"][camera == 1].max() < 4096
+    envelope = np.stack([gaussian_filter(each, 45) for each in light])
+    contrast = (light / envelope).std((1, 2))
+    assert 0.04 < contrast.min() < 0.15
+    assert 0.25 < contrast.max() < 0.5
+    middle, edge = envelope[:, 240:272, 240:272].mean((1, 2)), envelope[:, [0, -1], :].mean((1, 2))
+    assert (middle / edge > 1.1).all()
