@@ -1,8 +1,8 @@
 """Count faults of style in pages, docstrings and messages, and compare them with the ceilings: ``make lint`` runs it.
 
 Faults are private words, figures without a leading zero, sentences of more than 35 words or of more than two figures,
-first words of docstrings, and words of a page above 1200 (README: 800). Code, tables and links do not count. Ceilings
-stand in ``scripts/prose_ceilings.json`` and may only fall; those of the README are 0.
+first words of docstrings, and words of a page above 1200 (README: 800). Code, tables and links do not count, nor many
+figures in notes. Ceilings stand in ``scripts/prose_ceilings.json`` and may only fall; those of the README are 0.
 
     python scripts/check_prose.py            # table; exit status 1 if a count is above its ceiling
     python scripts/check_prose.py --show README.md [FILE ...]
@@ -85,10 +85,13 @@ def code_faults(file: Path) -> Iterator[tuple[str, str]]:
 
 
 def all_faults() -> Iterator[tuple[str, Path, str, str]]:
-    """Yield (group, file, rule, sentence) of the README, pages, and the library."""
+    """Yield (group, file, rule, sentence) of the README, pages, notes, and the library."""
     pages = [path.relative_to(ROOT) for path in sorted((ROOT / "docs").glob("*.md"))]
     for group, files in (("README", [Path("README.md")]), ("pages", pages)):
         yield from ((group, file, *fault) for file in files for fault in page_faults(file))
+    for file in (path.relative_to(ROOT) for path in sorted((ROOT / "docs" / "notes").glob("*.md"))):
+        found = faults((ROOT / file).read_text())
+        yield from (("notes", file, *fault) for fault in found if fault[0] != "many figures")  # notes are for figures
     for file in (file for folder in LIBRARY for file in python_files(folder)):
         yield from (("library", file, *fault) for fault in code_faults(file))
 
