@@ -11,7 +11,7 @@ from typing import Any
 
 import google_crc32c
 import numpy as np
-from numcodecs import Blosc
+from numcodecs import Blosc, blosc
 
 ABSENT = 2**64 - 1
 """Offset and length of a sample that a shard does not hold."""
@@ -38,6 +38,7 @@ def shard_bytes(samples: Mapping[int, bytes], shard_samples: int) -> bytes:
 def sample_bytes(sample: np.ndarray, dtype: np.dtype) -> bytes:
     """Pack a sample of a shard, with its CRC32C."""
     data = np.ascontiguousarray(sample, dtype.newbyteorder("<"))
+    blosc.use_threads = False  # as zarr does; else BLOSC_CLEVEL and the like of the environment change the bytes
     return _checked(_BLOSC.encode(data) if is_compressed(dtype) else data.tobytes())
 
 

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ import zarr
 from fake_recipe import FakeRecipe
 from scenes import ROOT
 from small_stores import TIMEOUT, assert_holds, contents, make
+from zarr.core.codec_pipeline import BatchedCodecPipeline
+from zarr.registry import register_pipeline
 
 from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.sample_schema import ArraySpec, stored_arrays
@@ -72,30 +75,66 @@ def test_plain_readers_do_not_need_specklegen(tmp_path):
     assert out.strip() == f"{names} {total} fake"
 
 
+class WithoutZeros(BatchedCodecPipeline):
+    """A pipeline that writes no chunk of zeros, whatever the array asks for, as that of ``zarrs``."""
+
+    async def write(self, batch_info, value, drop_axes=()):
+        batch = [
+            (place, replace(chunk, config=replace(chunk.config, write_empty_chunks=False)), *rest)
+            for place, chunk, *rest in batch_info
+        ]
+        await super().write(batch, value, drop_axes)
+
+
+register_pipeline(WithoutZeros)
+
 SETTINGS = {
     "codec_pipeline.path": "no.such.Pipeline",
+    "codec_pipeline.batch_size": 3,
     "array.write_empty_chunks": False,
     "array.read_missing_chunks": False,
     "array.order": "F",
+    "array.target_shard_size_bytes": 16,
+    "async.concurrency": 1,
+    "async.timeout": 1e-9,
+    "threading.max_workers": 1,
     "default_zarr_format": 2,
-    "codecs.blosc": "no.such.Codec",
-    "codecs.crc32c": "no.such.Codec",
     "json_indent": 7,
     "buffer": "no.such.Buffer",
+    "ndbuffer": "no.such.Buffer",
 }
+"""Each of zarr's settings but its codecs, far from its default."""
+
+
+def _settings(nested, before=""):
+    """Names of all settings of the zarr that is installed."""
+    for name, value in nested.items():
+        yield from _settings(value, f"{before}{name}.") if isinstance(value, dict) else [before + name]
 
 
 def test_a_store_is_the_same_under_any_settings_of_zarr(tmp_path):
+    names = {*_settings(zarr.config.config)}
+    codecs = {name: "no.such.Codec" for name in names if name.startswith("codecs.")}
+    assert names <= SETTINGS.keys() | codecs.keys(), "a new setting of zarr: give it a value here"
     make(tmp_path / "plain.zarr", Dark())
-    with zarr.config.set(SETTINGS):
+    with zarr.config.set(SETTINGS | codecs):
         make(tmp_path / "set.zarr", Dark())
         assert verify(tmp_path / "set.zarr").sound
         assert_holds(tmp_path / "set.zarr", Dark(), 22)
     assert contents(tmp_path / "set.zarr") == contents(tmp_path / "plain.zarr")
 
 
-def test_stores_are_written_checked_and_read_without_zarr(tmp_path):
-    """No setting, no environment variable and no version of it can reach what is never loaded."""
+ENVIRONMENT = {
+    "ZARR_CODEC_PIPELINE__PATH": "zarrs.ZarrsCodecPipeline", "ZARR_ARRAY__ORDER": "F",
+    "ZARR_ARRAY__WRITE_EMPTY_CHUNKS": "False", "ZARR_DEFAULT_ZARR_FORMAT": "2",
+    # The library that packs whole numbers reads these, where it is called from the main thread.
+    "BLOSC_CLEVEL": "0", "BLOSC_SHUFFLE": "NOSHUFFLE", "BLOSC_TYPESIZE": "8", "BLOSC_COMPRESSOR": "lz4",
+    "BLOSC_BLOCKSIZE": "32", "BLOSC_NTHREADS": "2", "BLOSC_SPLITMODE": "ALWAYS", "BLOSC_NOLOCK": "1",
+}  # fmt: skip
+
+
+def test_stores_are_written_checked_and_read_without_zarr_under_any_environment(tmp_path):
+    """No setting, no variable and no version of it can reach what is never loaded."""
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]); sys.modules['zarr'] = None\n"
         "from small_stores import FakeRecipe, assert_holds, make\n"
@@ -103,9 +142,11 @@ def test_stores_are_written_checked_and_read_without_zarr(tmp_path):
         "make(sys.argv[2]); assert_holds(sys.argv[2], FakeRecipe(), 22); print(verify(sys.argv[2]).sound)"
     )
     command = [sys.executable, "-c", code, ROOT / "tests", tmp_path / "a.zarr"]
-    environment = os.environ | {"ZARR_CODEC_PIPELINE__PATH": "zarrs.ZarrsCodecPipeline", "ZARR_ARRAY__ORDER": "F"}
+    environment = os.environ | ENVIRONMENT
     out = subprocess.run(command, capture_output=True, text=True, check=True, timeout=TIMEOUT, env=environment).stdout
     assert out.strip() == "True"
+    make(tmp_path / "b.zarr")
+    assert contents(tmp_path / "a.zarr") == contents(tmp_path / "b.zarr")
 
 
 class Dark(FakeRecipe):
@@ -116,8 +157,18 @@ class Dark(FakeRecipe):
         return sample | {key: np.zeros_like(sample[key]) for key in ("image", "field", "object", "level")}
 
 
-def test_samples_of_zeros_are_written(tmp_path):
-    make(tmp_path / "a.zarr", Dark())
+@pytest.mark.parametrize("pipeline", ["own", "zarrs.ZarrsCodecPipeline"])
+def test_samples_of_zeros_are_written_where_zarr_would_leave_them_out(tmp_path, pipeline):
+    if pipeline != "own":
+        pytest.importorskip("zarrs")
+    path = f"{WithoutZeros.__module__}.{WithoutZeros.__qualname__}" if pipeline == "own" else pipeline
+    with zarr.config.set({"codec_pipeline.path": path, "array.write_empty_chunks": False}):
+        array = zarr.create_array(tmp_path / "other.zarr", shape=(4,), chunks=(2,), dtype="uint16",
+                                  config={"write_empty_chunks": True})  # fmt: skip
+        array[:2] = 0
+        assert not (tmp_path / "other.zarr/c/0").exists(), "such chunks it leaves out"
+        make(tmp_path / "a.zarr", Dark())
+        assert verify(tmp_path / "a.zarr").sound
     assert_holds(tmp_path / "a.zarr", Dark(), 22)
 
 
