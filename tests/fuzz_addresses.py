@@ -73,34 +73,41 @@ def _dying(act: Callable, left: Iterator[int]) -> Callable:
     return dying
 
 
-def trial(place: Callable[[], Any], kills: list[int], reference: dict[str, bytes], room: Path) -> int:
-    """Run as many processes at once as there are kills; return how many of them died."""
-    numbers = [child(place, kill, room / str(row)) for row, kill in enumerate(kills)]
+def trial(place: Callable[[], Any], rounds: list[list[int]], reference: dict[str, bytes], room: Path) -> int:
+    """Run, round after round, as many processes at once as it has kills; return how many of them died."""
     died = 0
-    for row, number in enumerate(numbers):
-        status = os.waitpid(number, 0)[1]
-        died += os.WIFSIGNALED(status)
-        assert os.WIFSIGNALED(status) or status == 0, f"{kills}: {(room / str(row)).read_text()}"
+    for kills in rounds:
+        numbers = [child(place, kill, room / str(row)) for row, kill in enumerate(kills)]
+        for row, number in enumerate(numbers):
+            status = os.waitpid(number, 0)[1]
+            died += os.WIFSIGNALED(status)
+            assert os.WIFSIGNALED(status) or status == 0, f"{rounds}: {(room / str(row)).read_text()}"
     folder = place()
     make(folder, RECIPE)
-    assert verify(folder).sound, kills
+    assert verify(folder).sound, rounds
     folder.fs.invalidate_cache()
     start = len(folder.path.rstrip("/")) + 1
     objects = {name[start:]: folder.fs.cat_file(name) for name in folder.fs.find(folder.path) if "/claims/" not in name}
-    assert objects == reference, (kills, sorted(objects.keys() ^ reference.keys()))
+    assert objects == reference, (rounds, sorted(objects.keys() ^ reference.keys()))
     return died
 
 
 def run(
-    trials: int, place_of: Callable[[int], Callable[[], Any]], room: Path, seed: int = 0, minutes: float = 60.0
-) -> tuple[int, int]:
-    """Run trials of one to three processes, for some minutes at most; return how many, and how many processes died."""
+    trials: int, place_of: Callable[[int], Callable[[], Any]], room: Path, seed: int = 0, minutes: float = 60.0,
+    rounds: int = 1,
+) -> tuple[int, int]:  # fmt: skip
+    """Run trials for some minutes at most; return how many, and how many processes died.
+
+    Each has one to three processes at once; of more rounds than one all but the last kill whoever begins the store.
+    """
     make(room / "a.zarr", RECIPE)
     reference, draws, died, number = contents(room / "a.zarr"), random.Random(seed), 0, 0
     end = time.monotonic() + 60 * minutes
     with quick_claims():
         while number < trials and time.monotonic() < end:
-            kills = [draws.choice([0, draws.randint(1, 14), draws.randint(1, PUTS)]) for _ in range(1 + number % 3)]
+            count = 1 + number % 3
+            kills = [[draws.randint(1, 14) for _ in range(count)] for _ in range(rounds - 1)]
+            kills += [[draws.choice([0, draws.randint(1, 14), draws.randint(1, PUTS)]) for _ in range(count)]]
             died += trial(place_of(number), kills, reference, room)
             number += 1
     return number, died
@@ -138,11 +145,13 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--minutes", type=float, default=60.0, help="at most")
+    parser.add_argument("--rounds", type=int, default=1, help="of processes, one after the other, in each trial")
     parser.add_argument("--server", action="store_true")
     arguments = parser.parse_args()
+    how = {name: getattr(arguments, name) for name in ("seed", "minutes", "rounds")}
     with tempfile.TemporaryDirectory() as folder:
         if not arguments.server:
-            made, died = run(arguments.trials, bucket(Path(folder)), Path(folder), arguments.seed, arguments.minutes)
+            made, died = run(arguments.trials, bucket(Path(folder)), Path(folder), **how)
         else:
             from upath import UPath
 
@@ -164,7 +173,7 @@ def main() -> None:
                 return lambda: reached(number)
 
             try:
-                made, died = run(arguments.trials, place_of, Path(folder), arguments.seed, arguments.minutes)
+                made, died = run(arguments.trials, place_of, Path(folder), **how)
             finally:
                 server.kill()
     print(f"{made} trials of 1 to 3 processes, {died} of them killed, nothing lost")

@@ -6,16 +6,8 @@ import model_check
 import numpy as np
 import pytest
 
-from specklegen.datasets.store import metadata, places, store
+from specklegen.datasets.store import creation, metadata, places, store
 from specklegen.datasets.store.encoding import table_bytes
-
-
-@pytest.fixture(autouse=True)
-def _empty():
-    yield
-    system = model_check.fsspec.filesystem("memory")
-    if system.exists("/model"):
-        system.rm("/model", recursive=True)
 
 
 def test_no_order_of_writers_deaths_and_readers_breaks_a_law():
@@ -34,6 +26,31 @@ def test_claims_exclude_nobody_and_no_law_is_broken(monkeypatch):
     assert model_check.run(9) == {}
     monkeypatch.setattr(metadata, "is_remote", lambda folder: False)
     assert model_check.run(9) != {}
+
+
+def test_a_folder_that_is_looked_through_after_its_group_is_looked_for_is_found(monkeypatch):
+    """The group and more of another task may appear in between: two tasks began a store, and one failed."""
+    begin = creation._begin
+
+    def hasty(recipe, wanted, folder, *rest):
+        if metadata.is_store(folder) or not creation.listed(folder, maxdepth=2):
+            begin(recipe, wanted, folder, *rest)
+
+    monkeypatch.setattr(creation, "_begin", hasty)
+    words = " ".join(model_check.run(12, ahead=False).values())
+    assert "must be a store that has been begun" in words
+
+
+def test_a_claim_that_is_old_by_its_own_date_alone_is_found(monkeypatch):
+    """The clock of the machine that died was ahead: others waited for that long."""
+    made = model_check.Schedule.__init__
+
+    def unwatched(self, *arguments):
+        made(self, *arguments)
+        self.time.monotonic = lambda: 0.0
+
+    monkeypatch.setattr(model_check.Schedule, "__init__", unwatched)
+    assert "waits for a dead claim for hours" in " ".join(model_check.run(8).values())
 
 
 @pytest.mark.parametrize("unlockable", [False, True])

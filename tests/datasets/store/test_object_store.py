@@ -89,13 +89,28 @@ def test_what_lies_there_already_is_refused(address):
     assert objects(beside) == {"notes.txt": b"mine"}
 
 
-def test_of_several_that_begin_one_store_one_does_and_all_fill_it(address, quick, tmp_path):
-    log = tmp_path / "log"
-    recipe, said = FakeRecipe(seconds=0.002, log=str(log)), []
-    calls = [threading.Thread(target=lambda: said.append(make(address, recipe))) for _ in range(3)]
-    for call in calls:
-        call.start()
-    for call in calls:
+def test_of_several_that_begin_one_store_one_does_and_all_fill_it(address, quick, tmp_path, monkeypatch):
+    """The others begin between the looks of the first, and are slow at it."""
+    system, log = type(address.fs), tmp_path / "log"
+    recipe, said, find, put = FakeRecipe(seconds=0.002, log=str(log)), [], system.find, system.pipe_file
+    first, *others = [threading.Thread(target=lambda: said.append(make(address, recipe))) for _ in range(3)]
+
+    def listed_late(self, *arguments, **options):
+        if threading.current_thread() is first and others[0].ident is None:
+            for call in others:
+                call.start()
+            while not address.fs.exists(f"{address.path}/zarr.json"):
+                time.sleep(0.001)
+        return find(self, *arguments, **options)
+
+    def put_slowly(self, path, *arguments, **options):
+        put(self, path, *arguments, **options)
+        time.sleep(0.02 * path.endswith("/zarr.json"))
+
+    monkeypatch.setattr(system, "find", listed_late)
+    monkeypatch.setattr(system, "pipe_file", put_slowly)
+    first.start()
+    for call in (first, *others):
         call.join(TIMEOUT)
     assert [each["done"] for each in said] == [22] * 3
     assert sum(each["rendered"] for each in said) == 22, "each shard by one of them"
