@@ -1,4 +1,4 @@
-"""How often 1.96 standard errors of C_I hold the truth behind narrow phase functions (docs/trust.md).
+"""How often 1.96 standard errors of C_I hold the truth behind narrow phase functions (docs/notes/trust.md).
 
     python scripts/interval_coverage.py                       # the whole table: half an hour of one core
     python scripts/interval_coverage.py 0.98,20 --paths 4000  # one slab

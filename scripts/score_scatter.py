@@ -1,4 +1,4 @@
-"""By how much more the scores of literal speckle images scatter than Fisher information says: docs/bound.md.
+"""By how much more the scores of literal speckle images scatter than Fisher information says: docs/notes/bound.md.
 
     python scripts/score_scatter.py            # five sizes of objects, twenty objects each: a processor minute
 

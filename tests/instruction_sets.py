@@ -6,7 +6,7 @@
 
 Libraries choose their code by the processor. Each setting below makes one of them choose as on an older one, in a
 process of its own. A test whose outcome depends on it stands at its margin: the script names it, and exits with 1.
-What is measured is in docs/versioning.md.
+What is measured is in docs/notes/versioning.md.
 """
 
 import argparse

@@ -14,7 +14,7 @@ with w_i > 0 of sum 1 (Goodman, *Speckle Phenomena in Optics*, 2007, sections 3.
 
 Each is told in spreads of its own: the scatter of a finite image, and the error of a reconstruction that is not right.
 The sum of their squares, ``score``, is compared with a bound that one of a hundred images of true speckle exceeds; see
-docs/recoverability.md for how well it tells photographs, textures and noise from speckle.
+docs/notes/likelihood.md for how well it tells photographs, textures and noise from speckle.
 """
 
 from typing import NamedTuple, Self

@@ -11,8 +11,8 @@ decides and is not among these: the probability is the mean over x, and the inte
 its 95th percentile. Noise starts from W / (2N), W the autocorrelation's window, N the camera's side;
 distortion weighs more, since it is the same at neighbouring frequencies and no constraint averages it out. The
 coefficients and s are fitted by scripts/build/fit_recoverability.py to half the cells of two tables of simulated
-scenes, tests/data/recoverability.csv and recoverability_large.csv; a test derives them again. docs/recoverability.md
-has the judgement on the other half.
+scenes, tests/data/recoverability.csv and recoverability_large.csv; a test derives them again.
+docs/notes/recoverability.md has the judgement on the other half.
 
 A scene that fails is repaired in thought, each time by what helps most, until it works: those repairs are the reasons.
 """

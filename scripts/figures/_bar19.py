@@ -28,7 +28,7 @@ LIGHTS = (0.0, 1.0, 4.0, 20.0)
 
 
 class Row(NamedTuple):
-    """A row of the table of docs/validation.md; ``verdict`` holds the z-score or the limit."""
+    """A row of the table of docs/notes/validation.md; ``verdict`` holds the z-score or the limit."""
 
     row: str
     what: str

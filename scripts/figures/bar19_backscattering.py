@@ -1,6 +1,6 @@
 """Figure 7 of [Bar19]: coherent backscattering of a box in flatland, in the far field and on a circle around it.
 
-Draws bar19-figure-7.png and prints row A08 of docs/validation.md. The box is 100 x 100 wavelengths, its mean free
+Draws bar19-figure-7.png and prints row A08 of docs/notes/validation.md. The box is 100 x 100 wavelengths, its mean free
 path 50; the circle has a diameter of 200 wavelengths and carries the source as well.
 
 Run it by itself: python scripts/figures/bar19_backscattering.py --out docs/images [--quick]

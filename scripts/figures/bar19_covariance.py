@@ -2,7 +2,7 @@
 
 Draws bar19-figure-8.png (optical depth 2 beside the wave equation), bar19-figure-2.png (optical depth 0.5),
 bar19-near-field.png (points of a line) and bar19-figure-9.png (covariance of sampled fields), and prints rows A03,
-A04, A05, A07 of docs/validation.md.
+A04, A05, A07 of docs/notes/validation.md.
 
 Run it by itself: python scripts/figures/bar19_covariance.py --out docs/images [--quick]
 """

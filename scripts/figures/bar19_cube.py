@@ -1,6 +1,6 @@
 """Figure 13 of [Bar19]: the memory effect of a cube, single and multiple scattering apart.
 
-Draws bar19-figure-13.png and prints row A14 of docs/validation.md: a cube of 100 wavelengths, optical depth 5,
+Draws bar19-figure-13.png and prints row A14 of docs/notes/validation.md: a cube of 100 wavelengths, optical depth 5,
 isotropic scatterers, forward paths only.
 
 Run it by itself: python scripts/figures/bar19_cube.py --out docs/images [--quick]

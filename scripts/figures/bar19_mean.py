@@ -1,6 +1,6 @@
 """Figure 4 of [Bar19]: the mean field inside a random medium, and rows of the far-field mean.
 
-Draws bar19-figure-4.png and prints rows A06 and A20 of docs/validation.md.
+Draws bar19-figure-4.png and prints rows A06 and A20 of docs/notes/validation.md.
 
 Run it by itself: python scripts/figures/bar19_mean.py --out docs/images [--quick]
 """

@@ -1,6 +1,6 @@
 """Figures 10 and 11 of [Bar19]: the memory effect of slabs, and speckle images under tilt.
 
-Draws bar19-figure-10.png and bar19-figure-11.png, and prints rows A10, A11, A13 of docs/validation.md. L = 1 mm,
+Draws bar19-figure-10.png and bar19-figure-11.png, and prints rows A10, A11, A13 of docs/notes/validation.md. L = 1 mm,
 wavelength 0.5 um.
 
 Run it by itself: python scripts/figures/bar19_memory_effect.py --out docs/images [--quick]

@@ -1,7 +1,7 @@
 """Figures 14 and 15 of [Bar19]: every order in which a wave can visit three nodes.
 
-Draws bar19-figure-14.png and prints row A16 of docs/validation.md: a box of 20 x 20 wavelengths in flatland, optical
-depth 2, isotropic scatterers, light along the axis.
+Draws bar19-figure-14.png and prints row A16 of docs/notes/validation.md: a box of 20 x 20 wavelengths in flatland, of
+optical depth 2, isotropic scatterers, light along the axis.
 
 Run it by itself: python scripts/figures/bar19_permutations.py --out docs/images [--quick]
 """

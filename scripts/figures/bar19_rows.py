@@ -1,4 +1,4 @@
-"""Rows of docs/validation.md without a figure of the paper: A01, A02, A17, A18, A19.
+"""Rows of docs/notes/validation.md without a figure of the paper: A01, A02, A17, A18, A19.
 
 Prints them, and draws bar19-rows.png: z-scores of A01 and A18, and the spectrum of a covariance.
 

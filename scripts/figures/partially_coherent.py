@@ -1,6 +1,6 @@
 """Figure of partially coherent light on a scattering slab: contrast and grains against theory.
 
-Draws contrast.png and prints the tables of docs/coherence.md.
+Draws contrast.png and prints the tables of docs/notes/coherence.md.
 
 Run it by itself: python scripts/figures/partially_coherent.py --out docs/coherence [--quick]
 """

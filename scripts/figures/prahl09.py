@@ -1,6 +1,6 @@
 """Figures of partially coherent light at a cylindrical focus, after [Prahl09].
 
-Draws the pictures and prints the tables of docs/coherence.md. They follow from the paper's equations: its
+Draws the pictures and prints the tables of docs/notes/coherence.md. They follow from the paper's equations: its
 printed figures and their captions were not at hand.
 
 Run it by itself: python scripts/figures/prahl09.py --out docs/coherence [--quick]
