@@ -1,3 +1,4 @@
+from .scene.coherent import CoherentObject as CoherentObject
 from .scene.focused import FocusedBeams as FocusedBeams
 from .scene.illumination import CollimatedBeams as CollimatedBeams
 from .scene.illumination import IncoherentObject as IncoherentObject

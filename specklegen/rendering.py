@@ -287,7 +287,8 @@ def _drawn(made: Plan, seed: Seed, realizations: int, threads: int | None) -> tu
     """Every realization [R, ...] by the sampler that was planned, and their connections and unfinished paths."""
     images, connections, unfinished = np.empty(0), 0, 0
     light = made.scene.illumination
-    focus = light.amplitudes(made.scene.wavelength) if light.focused else None  # type: ignore[attr-defined]
+    summed = light.focused and not made.chosen.scene.illumination.focused  # else the sampler has added the fields
+    focus = light.amplitudes(made.scene.wavelength) if summed else None  # type: ignore[attr-defined]
     with one_blas_thread():
         for r, each in enumerate(made.chosen.prepare(seed, threads).media(realizations)):
             image = each.image

@@ -200,7 +200,8 @@ def values() -> Iterator[Call]:
         sg.Faces(inside=1.4, outside=1.0), BEAMS, SOURCE, sg.PlaneWaves(directions=[[0.0, 0.0, 1.0]]),
         sg.PointSources(points=[[0.0, 0.0, -5.0]]), sg.FocusedBeams(
             points=[[0.0, 0.0, 5.0]], aperture=0.1, waist=5.0, width=200.0
-        ), SLAB, SCENE, STACK, SCREEN, GRID, sg.HenyeyGreenstein(g=0.5),
+        ), sg.light.CoherentObject(field=np.ones((2, 2)), pitch=10.0, distance=5.0, waist=50.0),
+        SLAB, SCENE, STACK, SCREEN, GRID, sg.HenyeyGreenstein(g=0.5),
         sg.Layer(thickness=1.0, mean_free_path=1.0, scatterer=ISOTROPIC), ISOTROPIC,
         sg.Layers(layers=(sg.Layer(thickness=1.0, mean_free_path=1.0, scatterer=ISOTROPIC),)),
         sg.Box(lower=[-1.0, -1.0, 0.0], upper=[1.0, 1.0, 1.0], mean_free_path=1.0, scatterer=ISOTROPIC),

@@ -49,6 +49,7 @@ def test_media_say_what_they_are_like(medium, sides, homogeneous, dimension, mat
     [(sg.PlaneWaves([[0.0, 0, 1]]), False, False, True), (sg.PointSources([[0.0, 0, -9]]), False, True, True),
      (sg.CollimatedBeams.tilts([0.0], width=9.0), True, False, True),
      (sg.FocusedBeams([[0.0, 0, 9]], aperture=0.1), True, False, True),
+     (sg.light.CoherentObject(np.ones((2, 2)), 9.0), True, False, True),
      (sg.IncoherentObject(brightness=np.ones((1, 1)), pitch=1e-3, width=9.0), True, False, False)],
 )  # fmt: skip
 def test_lights_say_what_they_are_like(light, limited, near, coherent):

@@ -105,7 +105,7 @@ def focus_moments(scene: Scene, reverse: bool, lens: Lens | None = None) -> Path
     """
     pilot = scene_pilot(scene.replace(illumination=scene.beams), reverse)
     layout, bank = pilot.tracer.layout, pilot.bank
-    few = np.unique(np.linspace(0, len(scene.illumination.points) - 1, _FEW).astype(int))  # type: ignore[attr-defined]
+    few = np.unique(np.linspace(0, len(scene.illumination.vectors) - 1, _FEW).astype(int))
     if not len(bank) or not len(scene.illumination.vectors):
         return PathMoments(0.0, 0.0)
     amplitudes = scene.illumination.of(few).amplitudes(scene.wavelength)  # type: ignore[attr-defined]

@@ -14,7 +14,8 @@ from specklegen.samplers.sampler import Sampler
 from specklegen.scene.scene import Scene
 from specklegen.scene.validity import implausible_in
 
-_LIGHTS = {"PlaneWaves": "plane wave", "PointSources": "point source", "IncoherentObject": "lit pixel"}
+_LIGHTS = {"PlaneWaves": "plane wave", "PointSources": "point source", "IncoherentObject": "lit pixel",
+           "CoherentObject": "coherent object"}  # fmt: skip
 _FOCI = "focal point"
 
 
@@ -192,7 +193,8 @@ def _lit(scene: Scene) -> str:
     """A few words about the lights."""
     light = scene.illumination
     number = light.images[0] if light.images else len(scene.lights)
-    words = counted(number, _FOCI if light.focused else _LIGHTS.get(type(light).__name__, "tilt"))
+    kind = _LIGHTS.get(type(light).__name__, "tilt")
+    words = counted(number, _FOCI if light.focused and not light.gridded else kind)
     if light.limited:
         words += f" through a window {scene.beams.width:.4g} wide"
     return words

@@ -30,6 +30,7 @@ from specklegen.paths.reversal import scene_reversal
 from specklegen.planning.choosing import Others, cheapest, served
 from specklegen.planning.exposure import with_sub_frames
 from specklegen.planning.plan import Plan
+from specklegen.samplers.coherent_fields import coherent_decision, coherent_mean
 from specklegen.samplers.covariance.sampler import Eigenfields
 from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.samplers.sampler import AnySampler, Request, Sampler, asked_sampler, require_float32
@@ -164,6 +165,8 @@ class Options:
         Class of the sampler that is asked for; None of "auto".
     mean, field_tolerance, streamed, envelope, realizations
         As of :func:`plan`.
+    walked : bool
+        As of a :class:`~specklegen.samplers.sampler.Request`.
     media : int
         Realizations, 1 where no number is given.
     owner : str
@@ -177,6 +180,7 @@ class Options:
     envelope: bool = True
     realizations: int | None = 1
     owner: str = "plan"
+    walked: bool = False
     asked: type[Sampler] | None = field(init=False, default=None)
     media: int = field(init=False, default=1)
 
@@ -197,6 +201,8 @@ def planned(scene: Scene, budget: Budget, options: Options) -> Plan:
     if options.mean and not scene.illumination.coherent:
         reject("mean", "False for an incoherent object, and for exposures", options.mean,
                "What does not scatter is not modelled there.")  # fmt: skip
+    if scene.illumination.gridded:
+        return _planned_object(scene, budget, options)
     if scene.illumination.focused:
         return _planned_focus(scene, budget, options)
     if scene.sensor.focused:
@@ -224,6 +230,7 @@ def _planned(scene: Scene, budget: Budget, options: Options) -> Plan:
     request = Request(
         budget.paths, budget.rel_error, reversal.needed, tolerance, options.field_tolerance,
         "auto" if asked is None else asked.name, options.streamed, options.envelope, options.media,
+        walked=options.walked,
     )  # fmt: skip
     chosen, of_sampler, others = _proposed(scene, request, asked)
     pilot = getattr(chosen, "pilot", None)  # a sampler without paths has none
@@ -258,6 +265,47 @@ def _proposed(scene: Scene, request: Request, asked: type[Sampler] | None) -> tu
     if asked is None and scene.thin is None:
         return cheapest(scene, request)
     return *served(scene, request, THIN if asked is None else (asked,)), {}
+
+
+def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
+    """Plan coherent objects: by the memory effect between their plane waves, where it serves the outermost of them.
+
+    Else by path sums of every plane wave.
+    """
+    light, asked = scene.illumination, options.asked
+    if asked not in (None, PathSums, Stationary, Screens):
+        reject("sampler", '"auto", "stationary", "screens" or "paths" for coherent objects', asked.name,
+               "Others know no sums of beams.")  # fmt: skip
+    grid = scene.sensor.regular_grid
+    if grid is None or asked is PathSums:
+        if scene.thin is not None:
+            reject("Scene.sensor", "a regular far-field grid behind thin screens", scene.sensor.type,
+                   "Use FarField.grid(...).")  # fmt: skip
+        return _planned_focus(scene, budget, options)
+    probe = scene.replace(illumination=light.outermost(scene.wavelength))  # type: ignore[attr-defined]
+    judged = replace(
+        options, envelope=False, mean=False, walked=True, sampler="auto" if scene.thin is None else Screens
+    )
+    if asked is not None:
+        judged = replace(judged, sampler=asked)
+    made = planned(probe, budget, judged)
+    if made.sampler == PathSums.name:
+        summed = _planned_focus(scene, budget, options)
+        said = [each for each in made.decisions if each.part == "stationary sampler"]
+        return replace(summed, decisions=(*summed.decisions, *said))
+    chosen = replace(made.chosen, scene=scene)  # type: ignore[type-var]
+    cost, threads = chosen.cost(), thread_count(budget.threads)
+    needed = chosen.memory(threads)
+    _require_memory(scene, needed, chosen.paths)
+    area = scene.beams.window.area
+    ratio = coherent_mean(scene, chosen.intensity / area, scene.optical_depth)
+    kept = [each for each in made.decisions if each.part != "mean (ballistic) field"]
+    return replace(
+        made, scene=scene, chosen=chosen, mean=options.mean,
+        decisions=(*coherent_decision(scene, ratio, options.mean), *kept), operations=dict(cost.first),
+        seconds=seconds(cost.first, threads), setup_seconds=seconds(cost.once, threads), memory_bytes=needed,
+        alternatives={},
+    )  # fmt: skip
 
 
 def _planned_focus(scene: Scene, budget: Budget, options: Options) -> Plan:

@@ -79,6 +79,8 @@ class Request:
     beside : float
         Error that another sampler states, which would serve instead: one that states less may, within the tolerance or
         not.
+    walked : bool
+        Whether light walks from its window on the entrance face to the exit plane, as that of coherent objects does.
     """
 
     paths: int | None
@@ -92,6 +94,7 @@ class Request:
     realizations: int = 1
     thorough: bool = True
     beside: float = 0.0
+    walked: bool = False
 
     def paths_by(self, moments: PathMoments, within_image: bool = False) -> int:
         """Return the paths asked for: their number, or those of the error by a pilot's moments, or the default."""

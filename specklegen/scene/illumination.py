@@ -66,7 +66,9 @@ class Light(Value):
     near: ClassVar[bool] = False
     """Whether lights are points, not directions."""
     focused: ClassVar[bool] = False
-    """Whether each light is a sum of collimated beams, the scene's ``beams``, that meet in a point."""
+    """Whether each light is a sum of collimated beams, the scene's ``beams``, whose fields add."""
+    gridded: ClassVar[bool] = False
+    """True if these are the plane waves of a grid of pixels, which samplers other than path sums serve too."""
 
     @property
     def coherent(self) -> bool:

@@ -11,6 +11,7 @@ from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import reject
 from specklegen.core.units import WAVELENGTH
 from specklegen.core.values import Positive, Value
+from specklegen.scene.coherent import CoherentObject
 from specklegen.scene.focused import FocusedBeams
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, PlaneWaves, PointSources
 from specklegen.scene.imaging import Imaging
@@ -28,7 +29,8 @@ NEAREST = 0.01
 LARGEST = 1e60
 """Largest length, in any unit, and the inverse of the smallest one: what is squared twice is still a float64."""
 Illumination = Annotated[
-    PlaneWaves | CollimatedBeams | FocusedBeams | PointSources | IncoherentObject, Field(discriminator="type")
+    PlaneWaves | CollimatedBeams | FocusedBeams | CoherentObject | PointSources | IncoherentObject,
+    Field(discriminator="type"),
 ]
 _TOUCHING = 1e-9  # of an exposure: one may end where the next begins, up to rounding
 
@@ -45,8 +47,8 @@ class Scene(Value, Pictured):
         :class:`GroundGlass`, :class:`ScreenStack`, which are lit by collimated beams or an object, and seen by a
         far-field grid in transmission.
     illumination
-        What lights it: :class:`PlaneWaves`, :class:`CollimatedBeams`, :class:`FocusedBeams`, :class:`PointSources`, or
-        an :class:`IncoherentObject`, which is hidden behind it.
+        What lights it: :class:`PlaneWaves`, :class:`CollimatedBeams`, :class:`FocusedBeams`, :class:`CoherentObject`,
+        :class:`PointSources`, or an :class:`IncoherentObject`, which is hidden behind it.
     sensor
         Where its light is seen: :class:`FarField`, :class:`FarFieldGrid`, :class:`NearField`, :class:`Imaging`. Medium,
         light and sensor are all in space, or all in flatland: the length of their vectors says which.
@@ -143,11 +145,12 @@ class Scene(Value, Pictured):
 
     def _require_focus(self) -> None:
         """Refuse focused light before thin screens, and what its window or its medium does not let in."""
-        light = cast(FocusedBeams, self.illumination)
-        if self.thin is not None:
+        light = cast(FocusedBeams | CoherentObject, self.illumination)
+        if self.thin is not None and not light.gridded:
             reject("Scene.illumination", f"CollimatedBeams or an object in front of a {self.medium.type}", light.type,
                    "Superpose the fields of collimated beams.")  # fmt: skip
-        light.require_focus(self.wavelength, self.medium.faces.largest_sine)
+        largest = 1.0 if self.thin is not None else self.medium.faces.largest_sine
+        light.require_focus(self.wavelength, largest)
 
     def _require_film(self) -> None:
         """Refuse times that fall, a motion that they make infinite, and sensors that no film is drawn for."""
@@ -202,7 +205,7 @@ class Scene(Value, Pictured):
             reject("Scene.sensor", f"in the far field, in transmission, behind a {medium.type}", self.sensor.type,
                    "Use FarField.grid(...): a thin screen sends no light back.")  # fmt: skip
         stack = require_thin(medium, self.wavelength)  # type: ignore[arg-type]
-        lengths = {"Scene.wavelength": self.wavelength, f"{light.type}.width": light.width}
+        lengths = {"Scene.wavelength": self.wavelength, f"{light.type}.width": self.beams.width}
         lengths |= {f"{medium.type}.correlation_length": length for length in stack.correlation_lengths}
         require_range(lengths | {f"{medium.type}.gaps": gap for gap in (*stack.gaps, stack.behind)})
 
@@ -324,7 +327,7 @@ class Scene(Value, Pictured):
         Of focused light, those that every focus is a sum of.
         """
         if self.illumination.focused:
-            return cast(FocusedBeams, self.illumination).modes(self.wavelength)
+            return cast(FocusedBeams | CoherentObject, self.illumination).modes(self.wavelength)
         if not self.illumination.coherent:
             return self.illumination.beams
         if not isinstance(self.illumination, CollimatedBeams):  # plane waves, points

@@ -69,6 +69,10 @@ def _draw_light(axes: "Axes", scene: "Scene") -> None:
         axes.plot(*_placed(scene, light.points), "*", color="C3", ms=8)
         axes.text(-1.65, -1.3, counted(len(light.points), "point source"), fontsize=8)
         return
+    if light.gridded:
+        axes.imshow(np.abs(light.fields[0]), extent=(-1.65, -1.05, -0.3, 0.3), cmap="gray", vmin=0, aspect="auto")
+        axes.text(-1.65, -1.3, "{}x{} pixels whose fields add".format(*light.fields.shape[1:]), fontsize=8)
+        return
     if light.focused:
         depth = float(np.clip(light.points[:, -1].sum() / max(len(light.points), 1) / scene.thickness, -0.6, 1.6))
         for side in (-0.7, 0.7):

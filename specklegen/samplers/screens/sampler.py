@@ -11,6 +11,7 @@ from specklegen.core.decision import Decision
 from specklegen.core.nanoseconds import Cost
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
+from specklegen.samplers.coherent_fields import CoherentRenderer, coherent_cost, coherent_memory
 from specklegen.samplers.sampler import (
     FIXED_BYTES,
     TORCH_BYTES,
@@ -87,6 +88,8 @@ class Screens(MediaSampler, name="screens"):
 
     def cost(self) -> Cost:
         """Count the operations of one stack."""
+        if self.scene.illumination.focused:
+            return coherent_cost(self.scene, {}, 1 if len(self.stack.screens) == 1 else None)
         x, y = stack_axes(self._beams, self.drift)
         tilts, views, size = len(self.scene.beams.directions), np.prod(self.scene.sensor.shape), x.count * y.count
         return Cost({
@@ -97,6 +100,8 @@ class Screens(MediaSampler, name="screens"):
 
     def memory(self, threads: int) -> int:
         """Bytes by which the process grows at most."""
+        if self.scene.illumination.focused:
+            return coherent_memory(self.scene)
         held = 1 if self.streamed else len(self.scene.beams.directions)
         return int(8 * float(np.prod(self.scene.sensor.shape)) * held * 8 + TORCH_BYTES + FIXED_BYTES)
 
@@ -106,8 +111,12 @@ class Screens(MediaSampler, name="screens"):
 
         return screen_imagings(request)
 
-    def prepare(self, seed: Seed, threads: int | None) -> "ScreensRenderer":
+    def prepare(self, seed: Seed, threads: int | None) -> "ScreensRenderer | CoherentRenderer":
         """Make ready to draw."""
+        if self.scene.illumination.focused:
+            from specklegen.samplers.screens.coherent import screens_drawing
+
+            return CoherentRenderer(self.scene, screens_drawing(self.stack, self.scene.wavelength), seed)
         return ScreensRenderer(self, seed)
 
     @property

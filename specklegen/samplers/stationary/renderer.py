@@ -24,6 +24,7 @@ from specklegen.memory_effects.cached import (
 )
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.flows import drift_phases, drifted
+from specklegen.samplers.coherent_fields import CoherentRenderer
 from specklegen.samplers.sampler import Realization, Where, image_of
 from specklegen.samplers.stationary.envelope import Envelope
 from specklegen.samplers.stationary.object_maps import ObjectMaps, object_of
@@ -269,3 +270,23 @@ def stationary_renderer(prepared: Prepared, seed: Seed) -> StationaryRenderer:
         prepared.streamed, prepared.complete,
     )  # fmt: skip
     return StationaryRenderer(PREPARED.get(key, lambda: prepared), seed)
+
+
+def coherent_renderer(prepared: Prepared, seed: Seed) -> CoherentRenderer:
+    """Return media behind which coherent objects are seen: of one object its light that has walked, of more modes."""
+    from specklegen.memory_effects.correlation import MemoryEffectCorrelation
+    from specklegen.synthesis.coherent import ManyObjects, OneObject, WaveGrid, one_object, radial, wave_modes
+    from specklegen.synthesis.correlations import Tabulated
+    from specklegen.synthesis.stacks import mean_intensity
+
+    def drawing(grid: WaveGrid, amplitudes: np.ndarray) -> OneObject | ManyObjects:
+        correlation = prepared.correlation
+        assert isinstance(correlation, MemoryEffectCorrelation)
+        intensity = mean_intensity(correlation, 1.0)
+        if len(amplitudes) == 1:
+            walk = radial(correlation, grid.lateral()) if intensity else np.ones(grid.lateral().shape)
+            return one_object(grid, amplitudes[0], walk, intensity)
+        modes = wave_modes(Tabulated([correlation]), grid)
+        return ManyObjects(grid, modes, float(np.sqrt(intensity * grid.area)))
+
+    return CoherentRenderer(prepared.scene, drawing, seed)

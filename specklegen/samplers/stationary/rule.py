@@ -83,7 +83,7 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
         if model.enveloped and not _carried(scene, model):
             continue
         errors[model] = scene_stationary_error(
-            scene, request.tolerance, model.form == "oblique", model.enveloped, request.thorough, glance
+            scene, request.tolerance, model.form == "oblique", model.enveloped, request.thorough, glance, request.walked
         )
         if errors[model].accepts(request.tolerance):
             break
@@ -178,16 +178,18 @@ def _carried(scene: Scene, model: Model) -> bool:
 
 @remembered(64)
 def scene_stationary_error(
-    scene: Scene, tolerance: float, oblique: bool, enveloped: bool = False, thorough: bool = True, glance: bool = True
-) -> StationaryError:
+    scene: Scene, tolerance: float, oblique: bool, enveloped: bool = False, thorough: bool = True, glance: bool = True,
+    walked: bool = False,
+) -> StationaryError:  # fmt: skip
     """How far the stationary model, with the correlation of the axis or the oblique one, is from pilot paths."""
     envelope = scene_envelope(scene, oblique) if enveloped else None
     tracer = slab_tracer(scene, False, aside=False)
     most = MOST_PATHS if thorough else FIRST_PATHS
     return cached_result(
-        StationaryError, ("stationary error", scene, tolerance, oblique, enveloped, thorough, glance),
+        StationaryError,
+        ("stationary error", scene, tolerance, oblique, enveloped, thorough, glance, *(["walked"] if walked else [])),
         lambda: stationary_error(
-            scene, tracer, tolerance, oblique=oblique, envelope=envelope, most=most, glance=glance
+            scene, tracer, tolerance, oblique=oblique, envelope=envelope, most=most, glance=glance, walked=walked
         ),
     )  # fmt: skip
 

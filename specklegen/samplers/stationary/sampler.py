@@ -18,6 +18,7 @@ from specklegen.core.values import remembered
 from specklegen.memory_effects.atlas import TOLERANCE, Errors, atlas_correlation, atlas_errors
 from specklegen.paths.axial_pilot import AxialPilot, axial_pilot
 from specklegen.paths.pilot import Pilot, scene_pilot
+from specklegen.samplers.coherent_fields import CoherentRenderer, coherent_cost, coherent_memory
 from specklegen.samplers.sampler import FIXED_BYTES, TORCH_BYTES, Abilities, MediaRequest, MediaSampler, Request
 from specklegen.samplers.stationary.envelope import Envelope
 from specklegen.samplers.stationary.object_maps import ObjectMaps, object_of
@@ -158,6 +159,8 @@ class Stationary(MediaSampler, name="stationary"):
             first = estimate | {name: images * count for name, count in each}
             once = {name: count for name, count in first.items() if name not in ("normal", "image")}
             return Cost(first, once, others)
+        if self.scene.illumination.focused:
+            return coherent_cost(self.scene, estimate)
         grid, (x, y) = self.scene.grid, exit_axes(self.scene)
         tilts, views, size = len(self.scene.beams.directions), np.prod(grid.shape), x.count * y.count
         phasors = {"phasor": tilts * (connections if self.form == "oblique" else 0.0)}
@@ -170,6 +173,8 @@ class Stationary(MediaSampler, name="stationary"):
 
     def memory(self, threads: int) -> int:
         """Bytes by which the process grows at most."""
+        if self.scene.illumination.focused:
+            return coherent_memory(self.scene) + int(self.paths * self.pilot.connections_per_path * 160)
         views = float(np.prod(self.scene.sensor.shape))
         correlation = self.paths * self.pilot.connections_per_path * 160
         if self.maps is not None:
@@ -194,12 +199,14 @@ class Stationary(MediaSampler, name="stationary"):
             request.sight, request.correlations, request.light, tolerance=request.tolerance, film=request.film
         )
 
-    def prepare(self, seed: Seed, threads: int | None) -> "StationaryRenderer":
+    def prepare(self, seed: Seed, threads: int | None) -> "StationaryRenderer | CoherentRenderer":
         """Make ready to draw; what all seeds share is found at the first draw of any."""
-        from specklegen.samplers.stationary.renderer import Prepared, stationary_renderer
+        from specklegen.samplers.stationary.renderer import Prepared, coherent_renderer, stationary_renderer
 
         prepared = Prepared(self.scene, self.paths, self.form, self.tabulated is not None, self.complete, self.streamed,
                             self.envelope, self.maps, threads)  # fmt: skip
+        if self.scene.illumination.focused:
+            return coherent_renderer(prepared, seed)
         return stationary_renderer(prepared, seed)
 
 

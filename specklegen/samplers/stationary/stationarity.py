@@ -75,7 +75,7 @@ class StationaryError:
 
 def stationary_error(
     scene: Scene, tracer: SlabTracer, tolerance: float, *, oblique: bool = False, envelope: Envelope | None = None,
-    most: int = MOST_PATHS, glance: bool = False,
+    most: int = MOST_PATHS, glance: bool = False, walked: bool = False,
 ) -> StationaryError:  # fmt: skip
     """Judge a scene; more pilot paths, at ``most`` so many, while they alone stand between yes and no.
 
@@ -83,18 +83,19 @@ def stationary_error(
     scenes are far from the tolerance.
     """
     if glance:
-        error = pilot_error(scene, tracer, GLANCE_PATHS, oblique=oblique, envelope=envelope, every=True)
+        error = pilot_error(scene, tracer, GLANCE_PATHS, oblique=oblique, envelope=envelope, every=True,
+                            walked=walked)  # fmt: skip
         if error.is_clear(tolerance, _CLEAR):
             return error
-    error = pilot_error(scene, tracer, FIRST_PATHS, oblique=oblique, envelope=envelope)
+    error = pilot_error(scene, tracer, FIRST_PATHS, oblique=oblique, envelope=envelope, walked=walked)
     if most > FIRST_PATHS and not error.is_clear(tolerance, _SURE):
-        return pilot_error(scene, tracer, most, oblique=oblique, envelope=envelope)
+        return pilot_error(scene, tracer, most, oblique=oblique, envelope=envelope, walked=walked)
     return error
 
 
 def pilot_error(
     scene: Scene, tracer: SlabTracer, paths: int, *, oblique: bool = False, envelope: Envelope | None = None,
-    every: bool = False,
+    every: bool = False, walked: bool = False,
 ) -> StationaryError:  # fmt: skip
     """Judge a scene with collimated beams (or an incoherent object) and a far-field grid from ``paths`` paths.
 
@@ -112,6 +113,8 @@ def pilot_error(
         Of the model's intensity; without one it is the same everywhere.
     every
         Count the intensity of every beam, also of those that are known to their noise alone.
+    walked
+        Judge the model whose window stands on the entrance face, W^(kappa) K(dv): light walks on from there.
     """
     seed = pilot_seed(scene.unitless_fingerprint())
     pilot = PilotBank(scene, tracer, seed, paths)
@@ -126,18 +129,24 @@ def pilot_error(
     if not norm.any():  # an analyser that nothing passes: both are dark
         return StationaryError(0.0, 0.0, 0.0, 0.0)
     tilts = probe_tilts(scene, model.bank.orders, weight, way)
-    models = [model.sums(weight * np.exp(-1j * scene.wavenumber * (way @ tilt))) for tilt in tilts]
+
+    def of_model(tilt: np.ndarray) -> np.ndarray:
+        return model.sums(weight * np.exp(-1j * scene.wavenumber * (way @ tilt)))
+
+    mismatches = probe_mismatches(scene)
+    models = [[of_model(tilt + kappa) for kappa, _ in mismatches] if walked else [of_model(tilt)] * len(mismatches)
+              for tilt in tilts]  # fmt: skip
     # Tilted light keeps its angle to a lobe that is narrower, where the lobe is not in its far field.
     like_lobes = [keeps_angle(scene, np.hypot(*tilt)) for tilt in tilts]
     pairs, gains, modelled = [], [], []
     for view in probe_views(scene):
-        for tilt, kept, of_model in zip(tilts, like_lobes, models, strict=True):
-            for kappa, gain in probe_mismatches(scene):
+        for tilt, kept, of_tilt in zip(tilts, like_lobes, models, strict=True):
+            for (kappa, gain), of_pair in zip(mismatches, of_tilt, strict=True):
                 other = view - tilt - kappa
                 if max(np.hypot(*other), np.hypot(*(pilot.light[:2] - tilt))) < 1:
                     pairs.append(Pair(view, other, tilt, kept))
                     gains.append(gain)
-                    modelled.append(of_model)
+                    modelled.append(of_pair)
     n, gain = len(gains), np.array(gains)
     between = None if envelope is None else 0.7
     lights, views = _pairs(_probe_lights(scene, between), _intensity_views(scene, envelope is not None))

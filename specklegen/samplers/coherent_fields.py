@@ -1,0 +1,119 @@
+"""Coherent objects in a scene, by the stationary sampler and that of screens: fields of all objects of one medium."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from specklegen.core.decision import Decision
+from specklegen.core.nanoseconds import Cost
+from specklegen.core.parallel import one_torch_thread
+from specklegen.core.random_streams import Seed
+from specklegen.samplers.sampler import FIXED_BYTES, TORCH_BYTES, Realization, Where
+from specklegen.scene.scene import Scene
+from specklegen.synthesis.coherent import ManyObjects, OneObject, WaveGrid, wave_grid
+
+if TYPE_CHECKING:
+    import torch
+
+Drawing = Callable[[WaveGrid, np.ndarray], OneObject | ManyObjects]
+"""(plane waves and camera, amplitudes complex128[T, M, M]) -> what draws their speckle."""
+_TYPICAL_MODES = 8  # of a medium that several objects see, before K is known
+
+
+@dataclass(frozen=True)
+class CoherentRenderer:
+    """Media of a sampler under a seed, behind which a scene's coherent objects are seen.
+
+    Attributes
+    ----------
+    scene : Scene
+    drawing : Drawing
+        Of the medium.
+    seed : Seed
+    """
+
+    scene: Scene
+    drawing: Drawing
+    seed: Seed
+
+    @cached_property
+    def _waves(self) -> tuple[WaveGrid, np.ndarray]:
+        return wave_grid(self.scene.illumination, self.scene.wavelength, self.scene.grid)
+
+    @cached_property
+    def _drawn_by(self) -> OneObject | ManyObjects:
+        with one_torch_thread():
+            return self.drawing(*self._waves)
+
+    @cached_property
+    def _light(self) -> "torch.Tensor":
+        drawn_by = self._drawn_by
+        assert isinstance(drawn_by, ManyObjects)
+        return drawn_by.light(self._waves[1])
+
+    def media(self, count: int) -> Iterator[Realization]:
+        """A few transforms each: complex64[T, H, W]."""
+        import torch
+
+        from specklegen.synthesis.gaussian_noise import complex_normals
+
+        for number in range(count):
+            white = complex_normals(self.seed, number, self._drawn_by.normals, torch.complex64)
+            with one_torch_thread():
+                if isinstance(self._drawn_by, OneObject):
+                    field = self._drawn_by.speckle(white)
+                else:
+                    field = self._drawn_by.speckle(self._drawn_by.medium(white), self._light)
+            yield Realization(field.numpy())
+
+    def fields(self, number: int) -> Iterator[tuple[Where, np.ndarray]]:
+        """All at once."""
+        *_, last = self.media(number + 1)
+        rows, columns = self.scene.sensor.shape
+        yield (slice(0, len(last.image)), slice(0, rows), slice(0, columns)), last.image
+
+
+def coherent_cost(scene: Scene, once: Mapping[str, float], modes: int | None = None) -> Cost:
+    """Count the operations of one realization, after those that are done ``once``."""
+    grid, amplitudes = wave_grid(scene.illumination, scene.wavelength, scene.grid)
+    count = len(amplitudes)
+    modes = modes or (1 if count == 1 else _TYPICAL_MODES)
+    size, waves = float(np.prod(grid.period)), float(len(grid.sines)) ** 2
+    first = {"normal": modes * size, "flop": count * (grid.flops + 8.0 * modes * size)}
+    once = {**once, "product": count * modes * len(grid.sines) * (waves + size**0.5 * len(grid.sines))}
+    return Cost({name: first.get(name, 0.0) + once.get(name, 0.0) for name in first | once}, once)
+
+
+def coherent_memory(scene: Scene) -> int:
+    """Bytes by which the process grows at most."""
+    grid, amplitudes = wave_grid(scene.illumination, scene.wavelength, scene.grid)
+    modes = 1 if len(amplitudes) == 1 else 4 * _TYPICAL_MODES
+    size = float(np.prod(grid.period)) * 8
+    return int(size * (3 * modes * len(amplitudes) + 4) + TORCH_BYTES + FIXED_BYTES)
+
+
+def coherent_mean(scene: Scene, intensity: float, depth: float) -> float:
+    """Ballistic intensity of the brightest plane wave of the objects over their mean scattered intensity.
+
+    ``intensity`` is the scattered one of a beam of unit irradiance over its area, e^-depth the unscattered share.
+    """
+    grid, amplitudes = wave_grid(scene.illumination, scene.wavelength, scene.grid)
+    power = np.square(np.abs(amplitudes))
+    strongest = (power.max(axis=(1, 2)) / np.maximum(power.sum(axis=(1, 2)), 1e-300)).max(initial=0.0)
+    return float(np.exp(-depth) * strongest * (grid.side / grid.wavelength) ** 2 / max(intensity, 1e-300))
+
+
+def coherent_decision(scene: Scene, ratio: float, mean: bool) -> list[Decision]:
+    """Say how the fields of a scene's objects come about, and what of them is ballistic."""
+    light = scene.illumination
+    waves = len(scene.beams.directions)
+    said = Decision(
+        "coherent objects", True, f"the fields of {waves} plane waves through a window {scene.beams.width:.4g} wide "
+        f"add up, for each of {len(light.vectors)}: by modes of the memory effect between them",
+    )  # fmt: skip
+    reason = "asked for" if mean else "not asked for (mean=True adds it)"
+    return [said, Decision("mean (ballistic) field", mean, f"{reason}: at its brightest view it has {ratio:.2g} times "
+                           "the speckle's intensity")]  # fmt: skip

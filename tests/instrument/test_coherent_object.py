@@ -1,0 +1,158 @@
+"""Coherent objects as light of a scene: the field on the face, single waves, sums over beams, plans and refusals."""
+
+import numpy as np
+import pytest
+from references.rayleigh_sommerfeld import propagated_field
+
+import specklegen as sg
+from specklegen.light import CoherentObject
+from tests.refusals import assert_refused
+from tests.zscore import assert_mean, refute_mean
+
+# Few correlation lengths are lit here, which the planner says.
+pytestmark = pytest.mark.filterwarnings("ignore:screens:specklegen.DoubtWarning")
+
+K = 2 * np.pi  # of the wavelength 1
+THICK = sg.Slab(thickness=200.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.8))
+LETTER = np.zeros((6, 8), complex)
+LETTER[1:5, 2] = LETTER[4, 2:6] = 1.0
+LETTER[2, 5] = 1j
+
+
+def scene(light, medium=THICK, shape=(12, 12), **camera):
+    pitch = camera.pop("pitch", 0.4 / light.side(1.0))
+    return sg.Scene(wavelength=1.0, medium=medium, illumination=light,
+                    sensor=sg.sensors.FarField.grid(shape, pitch, **camera))  # fmt: skip
+
+
+def face(light, places):
+    """The field on the entrance face at places float64[P, 2], of the first object."""
+    sines, cosines = light.modes(1.0).directions[:, :2], light.modes(1.0).directions[:, 2]
+    return (light.amplitudes(1.0)[0] / np.sqrt(cosines)) @ np.exp(1j * K * sines @ places.T)
+
+
+def centres(light):
+    x, y = light._axes()
+    return np.stack(np.broadcast_arrays(x, y), axis=-1).reshape(-1, 2)
+
+
+def test_the_field_of_the_front_plane_is_that_of_the_pixels():
+    """At their centres, exactly; dark beside them; under a beam times its profile and curvature, e^(+ikx)."""
+    light = CoherentObject(LETTER, 10.0)
+    places = centres(light)
+    np.testing.assert_allclose(face(light, places), LETTER.ravel(), atol=1e-12)
+    assert np.abs(face(light, places + [0.0, 50.0])[-8:]).max() < 1e-12  # below the last row
+    lit = CoherentObject(LETTER, 10.0, waist=60.0, focus=900.0)
+    radius = np.square(places).sum(axis=1)
+    profile = np.exp(-radius / 60.0**2 - 0.5j * K * radius / 900.0)
+    np.testing.assert_allclose(face(lit, places), LETTER.ravel() * profile, atol=1e-12)
+    assert np.abs(face(lit, places) - LETTER.ravel() * profile.conj()).max() > 0.1
+
+
+def test_distance_is_what_rayleigh_and_sommerfeld_say():
+    light = CoherentObject(LETTER, 4.0, width=64.0)
+    count, width = 100, 64.0
+    axis = (np.arange(count) + 0.5) / count * width - width / 2
+    x, y = np.meshgrid(axis, axis)
+    front = face(light, np.stack([x.ravel(), y.ravel()], axis=-1)).reshape(x.shape)
+    places = np.random.default_rng(0).uniform(-8, 8, (12, 2))
+    far = propagated_field(front, axis, axis, np.column_stack([places, np.full(12, 40.0)])) * np.exp(-1j * K * 40.0)
+    found = face(light.replace(distance=40.0), places)
+    assert np.abs(found - far).max() < 0.02 * np.abs(front).max()
+    assert np.abs(found - far.conj()).max() > 0.2 * np.abs(front).max()
+
+
+def test_one_plane_wave_is_that_beam_exactly():
+    """An even field that fills the window is the collimated beam, bit for bit."""
+    light = CoherentObject(np.ones((6, 6)), 20.0, width=120.0)
+    beam = sg.light.CollimatedBeams.tilts([0.0], width=120.0)
+    np.testing.assert_array_equal(light.modes(1.0).directions, beam.directions)
+    one, two = (sg.render(scene(light).replace(illumination=each), paths=300, sampler="paths", seed=2, threads=1)
+                for each in (light, beam))  # fmt: skip
+    np.testing.assert_allclose(one.field, two.field, rtol=1e-6)
+
+
+def test_one_pixel_is_its_diffraction_pattern():
+    """Behind next to nothing: a square of sines as wide as the pixel's band, A / lambda in amplitude, in phase."""
+    pixel = np.zeros((1, 1)) + 1.0
+    light = CoherentObject(pixel, 10.0, width=150.0)
+    clear = sg.Slab(thickness=1e-3, mean_free_path=1e9, scatterer=sg.media.Isotropic())
+    seen = scene(light, clear, (15, 15), pitch=1 / 150.0)  # at its plane waves
+    mean = sg.statistics.mean_field(seen)[0]
+    obliquity = np.sqrt(seen.grid.directions[..., 2])
+    np.testing.assert_allclose(mean, 100.0 * obliquity, rtol=2e-2)
+
+
+def test_rendered_fields_are_sums_over_a_transmission_matrix():
+    """By path sums: T a, of the same beams, paths and seed."""
+    light = CoherentObject(np.stack([LETTER, LETTER[::-1]]), 20.0, distance=100.0, aperture=0.015, width=200.0)
+    with pytest.warns(sg.DoubtWarning, match="does not resolve pixels"):
+        seen = scene(light)
+    field = sg.render(seen, sampler="paths", paths=300, seed=3, threads=1).field
+    beams = seen.replace(illumination=seen.beams)
+    matrix = sg.statistics.transmission_matrix(beams, light.amplitudes(1.0).T, paths=300, seed=3, threads=1).value
+    expected = matrix.T.reshape(field.shape)
+    assert np.abs(field - expected).max() < 1e-5 * np.abs(expected).max()
+    wrong = matrix.conj().T.reshape(field.shape)
+    assert np.abs(field - wrong).max() > 0.1 * np.abs(expected).max()
+
+
+@pytest.mark.slow
+def test_the_stationary_sampler_is_path_sums_in_the_mean():
+    """Mean intensities within 2 %, and the products of two objects' fields, at lags of views, of 24 media each."""
+    light = CoherentObject(np.stack([LETTER, np.roll(LETTER, 1, 1) * np.exp(0.3j * np.arange(8))]), 40.0)
+    seen = scene(light, shape=(16, 16))
+    assert sg.plan(seen).sampler == "stationary"
+    fast = sg.render(seen, realizations=200, seed=1).field
+    slow = sg.render(seen, sampler="paths", paths=1500, realizations=24, seed=2).field
+
+    def measured(fields):
+        power = np.square(np.abs(fields)).mean(axis=(2, 3))
+        shared = [(fields[:, 0, :, s:] * fields[:, 1, :, : 16 - s].conj()).mean(axis=(1, 2)) for s in (0, 1, 2)]
+        return np.column_stack([power, *(each.real for each in shared), *(each.imag for each in shared)])
+
+    expected, found = (measured(each) for each in (fast, slow))
+    mean, error = expected.mean(axis=0), expected.std(axis=0) / 200**0.5
+    assert (error < 0.05 * mean[0]).all()
+    assert_mean(found, mean, slack=3 * error.max())
+    refute_mean(found * np.repeat([2.0, 1.0], [2, 6]), mean, slack=3 * error.max())
+
+
+@pytest.mark.parametrize("medium", [
+    sg.GroundGlass(angle=0.1), sg.PhaseScreen(rms_phase=1.0, correlation_length=20.0),
+    sg.media.ScreenStack(screens=(sg.GroundGlass(angle=0.05),) * 2, gaps=(2000.0,)),
+])  # fmt: skip
+def test_thin_media_are_planned_by_the_screens_sampler(medium):
+    light = CoherentObject(LETTER, 60.0)
+    seen = scene(light, medium)
+    plan = sg.plan(seen)
+    assert plan.sampler == "screens"
+    text = plan.explain()
+    assert "coherent objects: used" in text
+    assert "at its brightest view it has" in text
+    with np.errstate(all="raise"):
+        with_mean = sg.render(seen, seed=1, mean=True)
+    without = sg.render(seen, seed=1)
+    np.testing.assert_allclose(with_mean.field - without.field, sg.statistics.mean_field(seen), rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize(("message", "change"), [
+    (r"CoherentObject\.field must be .*finite", {"field": np.full((4, 4), np.nan)}),
+    (r"CoherentObject\.field must be an array", {"field": np.ones(4)}),
+    (r"CoherentObject\.width must be at least the side of the object", {"width": 50.0}),
+    (r"CoherentObject\.waist must be so large", {"field": np.ones((6, 8)), "waist": 20.0}),
+    (r"CoherentObject\.pitch must be at least half a wavelength", {"pitch": 0.4}),
+    (r"CoherentObject\.focus must be at least", {"focus": 100.0}),
+    (r"CoherentObject\.focus must be other than 0", {"focus": 0.0}),
+])  # fmt: skip
+def test_refused(message, change):
+    assert_refused(lambda: scene(CoherentObject(**{"field": LETTER, "pitch": 20.0} | change)), message)
+
+
+def test_units_and_files():
+    """Lengths as texts with units; a scene in a file is the same scene."""
+    light = CoherentObject(LETTER, "20 um", "3 mm", waist="0.2 mm")
+    assert (light.pitch, light.distance, light.waist) == (20.0, 3000.0, 200.0)
+    seen = scene(CoherentObject(LETTER, 20.0, 30.0))
+    assert sg.Scene.from_toml(seen.to_toml()) == seen
+    assert sg.Scene.from_toml(seen.to_toml()).unitless_fingerprint() == seen.unitless_fingerprint()
