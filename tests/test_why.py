@@ -111,6 +111,7 @@ def basis(told):
 
 def test_networks_beside_each_other_learn_what_each_is_told(why, monkeypatch):
     monkeypatch.setattr(why, "WIDTH", 16)
+    monkeypatch.setattr(why, "BATCH", 32)
     rng = np.random.default_rng(7)
     seen = rng.standard_normal((200, 3)).astype(np.float32)
     told = (seen[:, 0] > 0).astype(int)

@@ -42,7 +42,7 @@ from specklegen.scene.sensors import FarFieldGrid
 from specklegen.synthesis.correlations import Tabulated
 from specklegen.synthesis.sight import Sight
 from specklegen.synthesis.surface import SurfaceFilm, SurfaceImaging, padded
-from specklegen.theory.speckle_contrast import sub_frame_contrast_squared, sub_frames
+from specklegen.theory.speckle_contrast import sub_frames
 
 if TYPE_CHECKING:
     from specklegen.datasets.addresses import Addresses
@@ -333,24 +333,16 @@ def _surface(recipe: ContrastMap, slab: Slab, vessel: Vessel, angle: float, offs
 
 
 def _instants(light: LocalLight, duration: float, asked: ExposureTimes) -> int:
-    """Instants that the light of one place needs in an exposure.
+    """Instants that the light of one place needs in an exposure; more than a recipe may have are refused."""
 
-    Raise a `RuleError` where twice the most instants that a recipe may have would still change K^2 by more than the
-    tolerance.
-    """
-    field = lambda lag: _at(light, lag)  # noqa: E731
-    fewer, more = (sub_frame_contrast_squared(field, duration, count) for count in (_MOST_INSTANTS, 2 * _MOST_INSTANTS))
-    if fewer > (1 + asked.tolerance) * more:
-        _reject_instants(asked, duration)
+    def field(lag: np.ndarray) -> np.ndarray:
+        if lag.size > _MOST_INSTANTS:  # the quadrature of the whole exposure asks for fewer
+            _reject_instants(asked, duration)
+        return light.field(lag)
+
     return sub_frames(field, duration, tolerance=asked.tolerance)
 
 
 def _reject_instants(asked: ExposureTimes, found: object) -> NoReturn:
     reject("ExposureTimes.durations", f"made of at most {_MOST_INSTANTS} instants within {asked.tolerance:g} of K^2",
            found, "Shorten the exposures, slow the flow, or allow a larger tolerance.")  # fmt: skip
-
-
-def _at(light: LocalLight, lag: Any) -> np.ndarray:
-    """G1 of light at lags of any shape."""
-    lags = np.asarray(lag, np.float64)
-    return light.field(lags.ravel()).reshape(lags.shape)

@@ -19,9 +19,10 @@ def invoke(*words):
 
 
 def test_a_recipe_is_written_and_intervals_are_printed(tmp_path):
-    done = invoke("--transmittance", ".7921+-.0157", "--out", str(tmp_path / "my-bench.toml"))
+    done = invoke("--transmittance", ".7921+-.0157", "--known", "g=0.7944", "--out", str(tmp_path / "my-bench.toml"))
     assert done.exit_code == 0, done.output
     assert "mean_free_path: 21" in done.output
+    assert "(95 %: " in done.output
     assert str(tmp_path / "my-bench.toml") in done.output
     recipe = load_recipe(tmp_path / "my-bench.toml")
     assert recipe.name == "my-bench"

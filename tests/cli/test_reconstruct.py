@@ -86,19 +86,20 @@ def test_draws_are_written_with_their_weights(setup, tmp_path):
     assert run("reconstruct", setup / "two.png", *words[:-1], 1).exit_code != 0
 
 
-def test_pages_of_one_pattern_are_averaged_and_it_is_said(setup, tmp_path):
+def test_pages_of_one_pattern_are_averaged_and_it_is_said(setup, tmp_path, monkeypatch):
     one = np.stack([tifffile.imread(setup / "one.tiff")] * 3)
     shot = np.random.default_rng(0).poisson(one).astype(np.uint16)
     tifffile.imwrite(setup / "pages.tif", shot, photometric="minisblack")
     np.save(setup / "mean.npy", shot.mean(axis=0))
-    words = ("--setup", setup / "setup.toml", "--json", "--fast", "--out")
-    result = run("reconstruct", setup / "pages.tif", *words, tmp_path / "a")
+    words, given = ("--setup", setup / "setup.toml", "--json", "--fast", "--out", tmp_path), []
+    result = run("reconstruct", setup / "pages.tif", *words)
     assert result.exit_code == 0, result.output
-    told = json.loads(result.output)
-    assert "pages.tif: the mean of 3 frames was taken" in told["notes"][0]
-    expected = json.loads(run("reconstruct", setup / "mean.npy", *words, tmp_path / "b").output)
-    assert expected["notes"] == []
-    assert told["images"][0]["deviance"] == expected["images"][0]["deviance"]
+    assert "pages.tif: the mean of 3 frames was taken" in json.loads(result.output)["notes"][0]
+    monkeypatch.setattr("specklegen.models.recoverability.assessment.reconstruct", lambda stack, *a,
+                        **k: given.append(stack))  # fmt: skip
+    for name in ("pages.tif", "mean.npy"):
+        run("reconstruct", setup / name, *words)
+    assert torch.allclose(*given, rtol=1e-6)
 
 
 def test_pages_of_other_patterns_need_the_option(setup, tmp_path):
