@@ -10,17 +10,18 @@ import os
 import pickle
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
-from specklegen.core.errors import reject
+from specklegen.core.errors import reject, warn_user
 
 # Workers import this module to find `fill`, which has to be first to say how many threads Numba gets:
 # what loads Numba is imported inside functions.
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Future
     from distributed.deploy import Cluster
 
     from specklegen.datasets.sample_schema import Renderable
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 
 RETRIES = 3
 """Times that a shard is tried again after an OSError."""
+
+PATIENCE = 60.0
+"""Seconds without an outcome after which workers are counted."""
 
 _ONE_AT_A_TIME = threading.Lock()  # claims exclude processes, not the threads of one
 
@@ -59,7 +63,6 @@ def run(
         return
     with _client(cluster) as client:
         import cloudpickle
-        from distributed import as_completed
 
         task = partial(  # keywords of map above 100 kB fail in distributed 2026.8
             fill,
@@ -72,10 +75,39 @@ def run(
         futures = client.map(task, shards, retries=RETRIES, pure=False)
         shard_of = dict(zip(futures, shards, strict=True))
         try:
-            for future in as_completed(futures, loop=client.loop):
+            for future in _ended(client, futures):
                 yield _outcome(shard_of[future], future)
         finally:
             client.cancel(futures)
+
+
+def _ended(client: "Client", futures: "Sequence[Future]") -> "Iterator[Future]":
+    """Yield futures as they end.
+
+    Where no worker is left, a cluster of jobs may get others: a warning says what is waited for. A local cluster, which
+    starts workers anew at once, has given them up: that is a `GenerationError`.
+    """
+    from distributed import LocalCluster, as_completed
+
+    from specklegen.datasets.store.filling import GenerationError
+
+    ending, last, warned = as_completed(futures, loop=client.loop), time.monotonic(), False
+    while not ending.is_empty():
+        if ending.has_ready() or warned:
+            yield next(ending)
+            last = time.monotonic()
+            continue
+        time.sleep(0.02)
+        if time.monotonic() - last < PATIENCE:
+            continue
+        last = time.monotonic()
+        if not client.nthreads():
+            kept = "shards that are stored are kept, and a further call goes on."
+            if isinstance(client.cluster, LocalCluster):
+                raise GenerationError(f"the local Dask cluster has no worker left: they died, perhaps for want of "
+                                      f"memory. Start a new one, of fewer workers: {kept}")  # fmt: skip
+            warn_user(f"generate waits for a worker: the Dask cluster has none. Start some, or stop it: {kept}")
+            warned = True
 
 
 def _outcome(shard: int, future) -> "Outcome":

@@ -20,6 +20,7 @@ import dask
 from distributed import Client, LocalCluster
 
 from specklegen.cli import commands, stores
+from specklegen.core.errors import DoubtWarning
 from specklegen.core.parallel import thread_count
 from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.store.dask import RETRIES, fill
@@ -173,6 +174,30 @@ def test_kill_9_of_workers_at_random(tmp_path, plain):
     assert len(killed) >= 3
     assert verify(tmp_path / "a.zarr").sound
     assert {name: data for name, data in contents(tmp_path / "a.zarr").items() if "partial" not in name} == plain
+
+
+@pytest.mark.parametrize("kind", ["cluster", "address"])
+def test_a_cluster_that_has_lost_all_workers_is_told(tmp_path, plain, monkeypatch, kind):
+    """A local one has given them up; one of jobs may get others, and is waited for."""
+    monkeypatch.setattr("specklegen.datasets.store.dask.PATIENCE", 0.3)
+    come = []
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster:
+
+        def lose(done, total):
+            if done and not come:
+                cluster.scale(0)
+                come.append(threading.Timer(2.0, cluster.scale, [1]))
+                come[0].start()
+
+        recipe = FakeRecipe(seconds=0.01)
+        if kind == "cluster":
+            with pytest.raises(GenerationError, match="no worker left.*Start a new one"):
+                make(tmp_path / "a.zarr", recipe, cluster=cluster, progress=lose)
+        else:
+            with pytest.warns(DoubtWarning, match="waits for a worker"):
+                make(tmp_path / "a.zarr", recipe, cluster=cluster.scheduler_address, progress=lose)
+            assert contents(tmp_path / "a.zarr") == plain
+        come[0].join()
 
 
 class Deadly(FakeRecipe):
