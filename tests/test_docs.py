@@ -190,3 +190,16 @@ def test_every_link_leads_somewhere(page):
 def test_what_makes_blocks_shorter_still_stands_in_one():
     text = "".join(block.text for block in PYTHON)
     assert [long for long, _ in SHORTER if long not in text] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_begins_with_an_example(page):
+    """Its first block of code stands within its first words; lists of words and papers have none."""
+    if page.stem not in ("README", "glossary", "bibliography"):
+        before, mark, _ = page.read_text().partition("```")
+        assert mark
+        assert len(before.split()) < 150
+
+
+def test_the_pages_together_are_short():
+    assert sum(len(page.read_text().split()) for page in PAGES if page.stem != "README") <= 45_000
