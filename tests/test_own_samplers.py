@@ -138,7 +138,7 @@ def test_another_class_of_the_name_is_another_recipe(recipe, own, monkeypatch):
 def test_the_command_line_takes_its_path(folder, tmp_path):
     place = f"{folder}/tried_distance:TriedDistance"
     said = succeed("physics", "render", "--sampler", place, "--views", 16, "--tilts", 2, "--out", tmp_path / "stack")
-    assert "Sampler: tried-distance" in said
+    assert "Sampler:     tried-distance" in said
     said = succeed("generate", folder / "one.toml", "--out", tmp_path / "one.zarr", "--samples", 2)
     assert f"runs code: it imports {place}" in said
 

@@ -85,9 +85,9 @@ def plan(
     as_json: AsJson = False,
     anew: bool = option(False, "Plan and measure again, whatever was answered before.", "--anew"),
 ) -> None:  # fmt: skip
-    """Tell how a recipe's scenes are rendered, which parts are left out, and the cost; with --verbose, why.
+    """Print sampler, expected error, neglected effects and cost of a recipe; with --verbose, the reasons.
 
-    Answers are cached, the measured cost too.
+    Answers and measured costs are cached.
     """
     from specklegen.cli.cached_plans import cached_answer, caching, name_of_answer
     from specklegen.datasets.recipes.overrides import changes_of
@@ -112,9 +112,9 @@ def plan(
         echo_json({"plans": answer["plans"], "cost": cost})
         return
     typer.echo(
-        f"{counted(cost['samples'], 'sample')}: about {cost['bytes'] / 2**20:.1f} MiB on disk, {cost['seconds']:.1f} s "
-        f"on {counted(cost['processes'], 'core')}, at most {cost['memory'] / 2**20:.0f} MiB of memory in each process, "
-        f"measured on {cost['measured']}."
+        f"Data set:    {counted(cost['samples'], 'sample')}: about {cost['bytes'] / 2**20:.1f} MiB on disk, "
+        f"{cost['seconds']:.1f} s on {counted(cost['processes'], 'core')}, at most {cost['memory'] / 2**20:.0f} MiB of "
+        f"memory in each process (measured on {cost['measured']})"
     )
 
 
@@ -145,10 +145,10 @@ def _in_short(plans: "list[Plan]") -> str:
         samplers = " or ".join(sorted({each.sampler for each in plans}))
         span = f"errors {errors[0]:.2g} to {errors[-1]:.2g}"
         checks = dict.fromkeys(line for each in plans for line in each.checks)
-        corners = f"{len(plans)} corners of its ranges: {samplers}, {span}; the last is"
+        corners = f"Ranges:      {len(plans)} corners: {samplers}, {span}. Below: the corner of the largest error"
         lines = [*checks, corners, *lines[len(worst.checks) :]]
-        lines += sorted({f"Doubtful: {doubt}." for each in plans for doubt in each.doubts} - set(lines))
-    return "\n".join([*lines, "Why: --verbose."])
+        lines += sorted({f"Doubtful:    {doubt}" for each in plans for doubt in each.doubts} - set(lines))
+    return "\n".join([*lines, "Reasons:     --verbose"])
 
 
 def facts(made: "Plan") -> dict[str, Any]:

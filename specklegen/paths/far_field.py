@@ -148,15 +148,15 @@ def far_field_decision(scene: Scene) -> Decision | None:
     reach, lost = apart
     part = "far field of the scatterers"
     reason = (
-        f"not reached within a mean free path, {lost.far_field:.2g} of what it takes: between tilts as far apart as "
-        f"{reach:.2g} beside a lobe {lobe_width(scene.slab.scatterer):.2g} wide, "
+        f"not reached within a mean free path, only {lost.far_field:.2g} of the distance: the tilts span {reach:.2g}, "
+        f"the phase function {lobe_width(scene.slab.scatterer):.2g} rad; "
     )
     if middle_light(scene) is not None:
-        return Decision(part, False, reason + "light keeps its angle to the lobe, which is that of the tilts' middle")
+        return Decision(part, False, reason + "light keeps its angle to the phase function")
     return Decision(
         part, False,
-        reason + f"path sums lose up to {lost.loss:.2g} of the intensity correlation that light keeps, for beyond "
-        f"{SLANT**0.5:g} rad from their middle it keeps no angle to the lobe either", doubt=True, error=lost.loss,
+        reason + f"path sums underestimate the intensity correlation by up to {lost.loss:.2g}, since lights lie more "
+        f"than {SLANT**0.5:g} rad from their middle", doubt=True, error=lost.loss,
     )  # fmt: skip
 
 

@@ -19,9 +19,9 @@ def scene_reversal(scene: Scene, reverse: Reverse, tolerance: float) -> Decision
     Between directions the rule of physics.md 2 decides. Between points no rule bounds them, so they are kept.
     """
     if scene.thin is not None:
-        return Decision("reversed paths", False, "a thin screen sends no light back")
+        return Decision("reversed paths", False, "a thin screen reflects no light")
     if reverse == "auto" and (scene.sensor.near or scene.illumination.near):
-        return Decision("reversed paths", True, "kept: between points nothing bounds what they add")
+        return Decision("reversed paths", True, "included: near points their contribution has no bound")
     if np.isinf(scene.volume.mean_free_path):
         return Decision("reversed paths", False, "nothing scatters")
     return reversal_decision(
@@ -60,15 +60,15 @@ def reversal_decision(
     if isinstance(reverse, bool):
         return Decision(part, reverse, "asked for" if reverse else "as asked")
     if medium.refracts and (views[..., -1] > 0).any():
-        return Decision(part, False, "behind a slab between refracting faces no light comes back the way it went")
+        return Decision(part, False, "no backscattering direction behind a slab between refracting faces")
     dimension = views.shape[-1]
     nearest = _nearest_sum(light.reshape(-1, dimension), views.reshape(-1, dimension))
     wing = _wing(medium, wavelength, 2 if dimension == 2 else 3, nearest)
     if wing > tolerance:
-        return Decision(part, True, f"add up to {min(wing, 1):.2g} of the intensity near exact backscattering")
+        return Decision(part, True, f"contribute up to {min(wing, 1):.2g} of the intensity near exact backscattering")
     return Decision(
         part, False,
-        f"add at most {wing:.2g} of the intensity this far from backscattering, allowed {tolerance:g}",
+        f"contribute at most {wing:.2g} of the intensity this far from backscattering (limit {tolerance:g})",
     )  # fmt: skip
 
 

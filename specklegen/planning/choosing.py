@@ -46,7 +46,7 @@ def cheapest(scene: Scene, request: Request) -> tuple[Sampler, list[Decision], O
     request = replace(request, thorough=least.seconds(count) > longer)
     stationary, decisions = Stationary.propose(scene, request)
     if stationary is not None and stationary.cost().seconds(count) <= least.seconds(count):
-        return stationary, decisions, {"path sums, their least,": least.of(count)}
+        return stationary, decisions, {"path sums, at least": least.of(count)}
     sums, sums_decisions = served(scene, request, (PathSums,) if stationary is not None else (Stationary, PathSums))
     best, others = sums, Others()
     if stationary is None:

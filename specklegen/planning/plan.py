@@ -14,7 +14,7 @@ from specklegen.samplers.sampler import Sampler
 from specklegen.scene.scene import Scene
 from specklegen.scene.validity import implausible_in
 
-_LIGHTS = {"PlaneWaves": "plane wave", "PointSources": "point source", "IncoherentObject": "lit pixel",
+_LIGHTS = {"PlaneWaves": "plane wave", "PointSources": "point source", "IncoherentObject": "bright object pixel",
            "CoherentObject": "coherent object"}  # fmt: skip
 _FOCI = "focal point"
 
@@ -58,7 +58,7 @@ class Plan(Pictured):
     ...                  sensor=sg.sensors.FarField.grid((16, 16), 2e-5))
     >>> chosen = sg.plan(scene)
     >>> print(chosen.explain().splitlines()[0])
-    Slab 100 thick of optical depth 5, anisotropy 0.9, albedo 1; 2 tilts through a window 5000 wide, 16x16 views.
+    Scene:       Slab 100 thick, optical depth 5, anisotropy 0.9, albedo 1; 2 tilts, illuminated width 5000; 16x16 views
     """
 
     scene: Scene
@@ -130,20 +130,20 @@ class Plan(Pictured):
         return tuple(f"{d.part}: {d.reason}" for d in self.decisions if d.doubt)
 
     def explain(self) -> str:
-        """Tell the steps in words, the parts left out with their reasons, and the cost beside the alternatives'."""
-        lines = [self._about, f"Sampler: {self.sampler} ({self.summation}), {self.paths} paths."]
+        """Return the steps in words, the parts left out with their reasons, and the cost beside the alternatives'."""
+        sampler = f"{self.sampler} ({self.summation}), {self.paths} paths"
+        lines = [_field("Scene", self._about), _field("Sampler", sampler)]
         lines += [f"- {v.part}: {'used' if v.needed else 'left out'}: {v.reason}." for v in self.decisions]
         lines += [
-            f"Expected error ({self.chosen.error_of}, relative): {self.expected_error:.2g}"
-            + (f", within an image {self.image_error:.2g}; four times the paths halve it." if self.paths else "."),
-            f"Speckle: {self.gaussianity}",
-            f"Cost: about {self.seconds:.2g} s for the first realization, {self._all}"
-            f"{self.memory_bytes / 2**20:.0f} MiB.",
-        ]
+            _field("Error", f"{self.expected_error:.2g} expected ({self.chosen.error_of}, relative)"
+                   + f", {self.image_error:.2g} within an image; four times the paths halve it" * bool(self.paths)),
+            _field("Speckle", str(self.gaussianity)),
+            _field("Cost", self._cost),
+        ]  # fmt: skip
         lines += _memory_note(self.scene)
-        lines += [f"Instead, {way} would take about {cost:.2g} s." for way, cost in self.alternatives.items()]
+        lines += [_field("Alternative", f"{way}, about {cost:.2g} s") for way, cost in self.alternatives.items()]
         if self.scene.illumination.limited:
-            lines.append(f"Ballistic fraction: {ballistic_fraction(self.chosen.scene):.2g}.")
+            lines.append(_field("Ballistic", f"fraction {ballistic_fraction(self.chosen.scene):.2g}"))
         return "\n".join(lines)
 
     @property
@@ -152,22 +152,20 @@ class Plan(Pictured):
         return [f"Check units: {each}." for each in implausible_in(self.scene)]
 
     def summary(self) -> str:
-        """Tell the same in four lines: the scene, sampler and cost, parts that take part or not, and doubts if any.
+        """Return a line each for scene, sampler, error, cost, modelled and neglected parts, and doubts if any.
 
         Implausible numbers of the scene stand first.
         """
         used = [d.part for d in self.decisions if d.needed]
         ideal = [d.part for d in self.decisions if d.idealised]
         without = [d.part for d in self.decisions if not d.needed and d.part not in ideal]
-        parts = {"Takes part": used, "Left out": without, "Idealised": ideal}
-        lines = [
-            *self.checks,
-            self._about,
-            f"Sampler: {self.sampler}, {self.paths} paths: expected error {self.expected_error:.2g}; "
-            f"about {self.seconds:.2g} s for the first realization, {self._all}{self.memory_bytes / 2**20:.0f} MiB.",
-            " ".join(f"{words}: {', '.join(names)}." for words, names in parts.items() if names),
-        ]
-        return "\n".join(lines + [f"Doubtful: {doubt}." for doubt in self.doubts])
+        fields = {
+            "Scene": self._about, "Sampler": f"{self.sampler}, {self.paths} paths",
+            "Error": f"{self.expected_error:.2g} expected (relative)", "Cost": self._cost, "Modelled": ", ".join(used),
+            "Left out": ", ".join(without), "Idealised": ", ".join(ideal),
+        }  # fmt: skip
+        lines = [*self.checks, *(_field(label, text) for label, text in fields.items() if text)]
+        return "\n".join(lines + [_field("Doubtful", doubt) for doubt in self.doubts])
 
     @property
     def total_seconds(self) -> float:
@@ -179,14 +177,19 @@ class Plan(Pictured):
         return self.setup_seconds + realizations * max(self.seconds - self.setup_seconds, 0.0)
 
     @property
-    def _all(self) -> str:
-        many = self.realizations > 1
-        return f"{self.total_seconds:.2g} s for all {self.realizations}, " if many else ""
+    def _cost(self) -> str:
+        every = f"{self.total_seconds:.2g} s for all {self.realizations}, " if self.realizations > 1 else ""
+        return f"about {self.seconds:.2g} s for the first realization, {every}{self.memory_bytes / 2**20:.0f} MiB"
 
     @property
     def _about(self) -> str:
         shape = "x".join(str(n) for n in self.scene.sensor.shape)
-        return f"{_described(self.scene)}; {_lit(self.scene)}, {shape} {'views' if self.lens is None else 'pixels'}."
+        return f"{_described(self.scene)}; {_lit(self.scene)}; {shape} {'views' if self.lens is None else 'pixels'}"
+
+
+def _field(label: str, text: str) -> str:
+    """Write a line of a plan: the label, then the text in a column of its own."""
+    return f"{label + ':':<13}{text}"
 
 
 def _lit(scene: Scene) -> str:
@@ -196,7 +199,7 @@ def _lit(scene: Scene) -> str:
     kind = _LIGHTS.get(type(light).__name__, "tilt")
     words = counted(number, _FOCI if light.focused and not light.gridded else kind)
     if light.limited:
-        words += f" through a window {scene.beams.width:.4g} wide"
+        words += f", illuminated width {scene.beams.width:.4g}"
     return words
 
 
@@ -205,12 +208,12 @@ def _memory_note(scene: Scene) -> list[str]:
     if scene.thin is not None:
         return []
     medium = scene.volume
-    lobes = sorted({each.type for each in medium.scatterers} - {"Isotropic"})
-    if not lobes:
+    models = sorted({each.type for each in medium.scatterers} - {"Isotropic"})
+    if not models:
         return []
     return [
-        f"Memory effect: that of {' and '.join(lobes)} lobes. Other lobes of the same anisotropy may have a range "
-        "several times as long or short (4.5 times at 0.9, 10 at 0.98): see docs/atlas.md."
+        _field("Caution", f"the memory effect is that of {' and '.join(models)}. Other phase functions of the same "
+               "anisotropy may have a range several times as long or short (docs/media.md)")
     ]
 
 
@@ -231,8 +234,8 @@ def _described(scene: Scene) -> str:
             f"Grid of {shape} voxels of {len(medium.scatterers)} materials, optical depth at most "
             f"{medium.optical_depth:.4g}"
         )  # fmt: skip
-    size = "" if medium.has_sides else f" {medium.thickness:.4g} thick"
+    size = "" if medium.has_sides else f" {medium.thickness:.4g} thick,"
     return (
-        f"{type(medium).__name__}{size} of optical depth {medium.optical_depth:.4g}, "
+        f"{type(medium).__name__}{size} optical depth {medium.optical_depth:.4g}, "
         f"anisotropy {medium.scatterer.mean_cosine():.4g}, albedo {medium.albedo:g}"
     )  # fmt: skip

@@ -54,7 +54,7 @@ def _simple_terms(scene: Scene) -> list[Decision]:
     """What beams through a slab of one kind of particle need not be asked for."""
     if scene.thin is not None or scene.lock_step_obstacle or len(scene.slab.scatterer.components) > 1:
         return []
-    reason = "they would be 0: the views are directions, the slab is homogeneous, and its particles are of one kind"
+    reason = "zero here: far-field views, a homogeneous slab, particles of one kind"
     return [Decision("near-field terms, voxels and mixtures", False, reason)]
 
 
@@ -65,8 +65,8 @@ def _motion(scene: Scene) -> list[Decision]:
     if not scene.film:
         return [Decision("motion", False, "all beams are on at one time (CollimatedBeams.times)")]
     decisions = [Decision(
-        "flow", True, "particles are carried along, and turn a path by the sum of k (w_(b-1) - w_b) . V(x_b) t: exact "
-        "while they move little beside the mean free path, or all alike",
+        "flow", True, "Doppler phases k (w_(b-1) - w_b) . V(x_b) t along every path: exact while particles move little "
+        "beside the mean free path, or all alike",
     )] if scene.volume.flows else []  # fmt: skip
     law, _ = fastest(scene.volume.motions) or (None, None)
     if law is None:
@@ -327,8 +327,8 @@ def _planned_focus(scene: Scene, budget: Budget, options: Options) -> Plan:
     left = {"stationary sampler", "stationary image"}
     kept = [d for d in beam_plan.decisions if d not in judged and d.part not in left | {each.part for each in lobes}]
     focused = Decision(
-        "focused light", True, f"{len(scene.illumination.vectors)} foci as sums of {beams} collimated beams through "
-        f"a window {lit.beams.width:.4g} wide, by one bank of paths",
+        "focused light", True, f"{len(scene.illumination.vectors)} foci as sums of {beams} collimated beams of "
+        f"width {lit.beams.width:.4g}, from one set of paths",
     )  # fmt: skip
     rare = rare_paths_decision(moments.effective_paths)
     operations = dict(beam_plan.operations)

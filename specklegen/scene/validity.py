@@ -103,25 +103,25 @@ def idealisations(
         index = "" if refractive_index is None else f" although the refractive index is {refractive_index:g}"
         remedy = "Slab.faces, or a laboratory's refractive_index" if not scene.volume.has_sides else "of a Slab alone"
         decisions.append(Decision(
-            "faces", False, f"idealised: matched to the surroundings{index}; in air or water they reflect, and the "
-            f"memory effect's range is half and less ({remedy})",
+            "faces", False, f"idealised: no refractive-index mismatch{index}; in air or water, faces reflect and halve "
+            f"the memory-effect range or more ({remedy})",
         ))  # fmt: skip
     if scene.polarisers is None:
         scalar = "idealised: light is a scalar in the medium"
-        alone = "; what a thick medium depolarises has a contrast of 0.71 unless an analyser selects one polarisation"
-        reason = scalar + (alone if halves == 1 else ", and leaves it depolarised")
+        alone = "; light that a thick medium depolarises has a contrast of 0.71, unless an analyser selects one"
+        reason = scalar + (alone if halves == 1 else " and leaves it depolarised")
         decisions.append(Decision("polarisation", False, reason))
     else:
-        decisions.append(Decision("polarisation", True, "carried along every path, and seen through an analyser"))
+        decisions.append(Decision("polarisation", True, "followed along every path, then passed through an analyser"))
     if not band:
         decisions.append(Decision(
-            "bandwidth", False, "idealised: light of one wavelength; a band lowers the contrast where paths differ in "
-            "length by more than its coherence length",
+            "bandwidth", False, "idealised: light of one wavelength; a bandwidth lowers the contrast where path "
+            "lengths differ by more than the coherence length",
         ))  # fmt: skip
     if scene.illumination.limited:
         decisions.append(Decision(
-            "iris", False, "idealised: none between medium and camera, which takes the light of the whole exit face; "
-            "one smaller than the window makes larger grains",
+            "iris", False, "idealised: no aperture between medium and camera, which collects light from the whole exit "
+            "face; an aperture smaller than the illuminated area makes larger speckle grains",
         ))  # fmt: skip
     return decisions
 

@@ -107,11 +107,11 @@ def test_options_keep_their_spelling_and_default():
 
 def test_plan_says_what_it_does_and_costs():
     said = succeed("plan", "through-slab", "--samples", "10")
-    for part in ("Sampler: stationary", "Left out: ", "Idealised: faces", "10 samples", "MiB on disk"):
+    for part in ("Sampler:     stationary", "Left out:    ", "Idealised:   faces", "10 samples", "MiB on disk"):
         assert part in said
-    assert len(said.strip().splitlines()) == 5
+    assert len(said.strip().splitlines()) == 9
     why = succeed("plan", "through-slab", "--samples", "10", "--verbose")
-    assert "- faces: left out: idealised: matched" in why
+    assert "- faces: left out: idealised: no refractive-index mismatch" in why
 
 
 def test_render_writes_stack_picture_and_scene(tmp_path):

@@ -128,7 +128,7 @@ def test_the_planner_leaves_narrow_lobes_to_the_stationary_sampler():
     assert not sg.plan(narrow).doubts
     told = far_field_decision(narrow)
     assert not told.doubt
-    assert "keeps its angle to the lobe" in told.reason
+    assert "keeps its angle to the phase function" in told.reason
     assert far_field_decision(scene(slab(0.997, 20.0, 25), 1e-5)) is None
     assert far_field_decision(scene(slab(0.5, 20.0, 2), 3e-3)) is None
 

@@ -97,7 +97,7 @@ def test_the_kernel_stands_for_the_paths(name, n):
     """|C|^2 between the two lights furthest apart, window and all, within what the criterion states."""
     made = slab_plan(name, n)
     stated = scene_stationary_error(made.scene, STATIONARY_TOLERANCE, False)
-    assert f"off by {stated.correlation:.2g}" in made.explain()
+    assert f"correlation error {stated.correlation:.2g}" in made.explain()
     covariance, kernel = full(made.scene, False, 1), estimate_correlation(made.scene.slab, 100_000, 3)
     last = len(covariance.value) - 1
     if last == 0:  # one light: nothing to correlate
@@ -163,9 +163,9 @@ def test_what_is_said_is_what_is_done(name):
     text = made.explain()
     assert "nan" not in text
     assert f"{made.paths} paths" in text
-    assert f"Sampler: {made.sampler}" in text
+    assert f"Sampler:     {made.sampler}" in text
     for decision in made.decisions:
         assert f"- {decision.part}: {'used' if decision.needed else 'left out'}: {decision.reason}." in text
     for way, cost in made.alternatives.items():
         assert cost > 0
-        assert f"Instead, {way} would take about {cost:.2g} s." in text
+        assert f"Alternative: {way}, about {cost:.2g} s" in text

@@ -71,7 +71,7 @@ def test_a_plan_says_it_of_all_corners_of_a_recipe(tmp_path, capsys):
     first, second, third, *_ = capsys.readouterr().out.splitlines()
     assert first == "Check units: the medium is 0.5 thick, 1.3 wavelengths."
     assert second == "Check units: 99% of the light passes the medium unscattered."
-    assert third.startswith("2 corners of its ranges")
+    assert third.startswith("Ranges:      2 corners")
 
 
 def test_a_scene_that_is_refused_says_it_too():

@@ -59,7 +59,7 @@ class Convolution(Stationary, name="convolution"):
             return None, []
         lost, error = scene_loss(scene)
         enough = lost + 2 * error <= request.tolerance
-        reason = f"1 - C_I between the object's far corners is {lost:.2g} +- {error:.1g}, allowed {request.tolerance:g}"
+        reason = f"1 - C_I across the object is {lost:.2g} ± {error:.1g} (limit {request.tolerance:g})"
         if not (asked or enough):
             return None, [Decision(PART, False, reason)]
         served, decisions = Stationary.propose(scene, replace(request, asked=Stationary.name) if asked else request)

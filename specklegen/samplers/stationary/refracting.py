@@ -45,9 +45,9 @@ def refracting_decision(scene: Scene, request: Request, obstacle: str | None) ->
         return Decision("stationary sampler", False, obstacle)
     error = scene_error(scene, request.tolerance)
     reason = (
-        f"layers that refract, seen along the axis: its correlations are off by {error.correlation:.2g} +- "
-        f"{error.correlation_error:.1g}, and without steps its intensities would be by {error.intensity:.2g} +- "
-        f"{error.intensity_error:.1g}, allowed {request.tolerance:g}"
+        f"refracting layers near the axis: correlation error {error.correlation:.2g} ± {error.correlation_error:.1g}, "
+        f"intensity error without index steps {error.intensity:.2g} ± {error.intensity_error:.1g} "
+        f"(limit {request.tolerance:g})"
     )
     accepted = error.accepts(request.tolerance)
     asked = request.asked == "stationary"

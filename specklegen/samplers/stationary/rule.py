@@ -28,7 +28,7 @@ from specklegen.scene.sensors import FarFieldGrid
 from specklegen.synthesis.exit_grid import Axis, stack_axes
 
 Form = Literal["axial", "oblique"]
-_FORMS = {"axial": "correlation of the axis", "oblique": "correlation about its own direction"}
+_FORMS = {"axial": "on-axis approximation", "oblique": "oblique correlation"}
 _PART = "stationary sampler"
 _MOST_TURN = 0.1  # radians, of which a correlation keeps .995
 
@@ -91,20 +91,20 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
         errors, key=lambda m: (not errors[m].accepts(request.tolerance), m.enveloped, errors[m].largest)
     )  # fmt: skip
     reason = "; ".join(
-        f"with the {model} its correlations are off by {error.correlation:.2g} +- "
-        f"{error.correlation_error:.1g} and its intensities by {error.intensity:.2g} +- {error.intensity_error:.1g}"
+        f"{model}: correlation error {error.correlation:.2g} ± {error.correlation_error:.1g}, "
+        f"intensity error {error.intensity:.2g} ± {error.intensity_error:.1g}"
         for model, error in errors.items()
     )
-    reason += f", allowed {request.tolerance:g}"
+    reason += f" (limit {request.tolerance:g})"
     accepted = errors[best].accepts(request.tolerance)
     if not (accepted or request.thorough):
-        reason += "; more pilot paths would take longer than path sums do"
+        reason += "; tracing more pilot paths would take longer than path sums"
     if asked:
         return best, Decision(_PART, True, f"asked for; {reason}", doubt=not accepted)
     least = min(errors, key=lambda model: errors[model].largest)
     if not accepted and errors[least].accepts(request.beside):
         lost = errors[least].largest
-        reason += f"; {lost:.2g} with the {least} is less than the {request.beside:.2g} that path sums lose"
+        reason += f"; {least} chosen: its error {lost:.2g} is below that of path sums, {request.beside:.2g}"
         return least, Decision(_PART, True, reason, doubt=True, error=lost)
     return best if accepted else None, Decision(_PART, accepted, reason)
 

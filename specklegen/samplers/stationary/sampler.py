@@ -150,7 +150,7 @@ class Stationary(MediaSampler, name="stationary"):
         connections = self.paths * self.pilot.connections_per_path
         events = self.paths * self.pilot.events_per_path
         tracing = {"path": self.paths, self.pilot.event: events, "connection": connections}
-        anew = f"tracing {self.paths} paths anew for every realization, all fields aside,"
+        anew = f"{self.paths} new paths for every realization, without the fields"
         others = {anew: tracing} if self.paths else {}
         estimate = tracing | {"correlation batch": min(BATCHES, self.paths)}
         if self.scene.hides_object:

@@ -95,8 +95,8 @@ def test_the_narrow_window_of_the_classic():
     recipe = load_recipe("through-slab", NARROW)
     (made,) = recipe.plans()
     assert made.sampler == "paths"
-    left_out = r"stationary sampler: left out: with the correlation of the axis its correlations are off by "
-    found = re.search(left_out + r"(\S+) \+- (\S+) and", made.explain())
+    left_out = r"stationary sampler: left out: on-axis approximation: correlation error "
+    found = re.search(left_out + r"(\S+) ± (\S+),", made.explain())
     assert found is not None
     off, error = map(float, found.groups())
     assert abs(off - 0.044) < 4 * np.hypot(error, 0.005)  # false alarms 6e-5; .044 +- .005 by another pilot

@@ -31,7 +31,7 @@ def test_objects_are_imaged_as_planned(name):
     recipe = recipe_of(**CASES[name])
     (made,) = recipe.plans()
     assert made.sampler == "paths"
-    assert "Cost: about" in made.explain()
+    assert "Cost:        about" in made.explain()
     sample = recipe.sample(4, "test", 1)
     assert sample["parameters"]["sampler"] == NUMBERS["paths"]
     ready = recipe.prepare(4, "test", 1)

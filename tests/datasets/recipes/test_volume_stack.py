@@ -36,7 +36,7 @@ def test_volumes_run_as_planned(name):
     recipe = recipe_of(**CASES[name])
     (made,) = recipe.plans()
     assert made.sampler == "paths"
-    assert "Cost: about" in made.explain()
+    assert "Cost:        about" in made.explain()
     sample = recipe.sample(4, "test", 1)
     assert sample["parameters"]["sampler"] == NUMBERS["paths"]
     assert "path sums" in recipe.rendering_note

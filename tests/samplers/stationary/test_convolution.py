@@ -67,7 +67,7 @@ def test_a_plan_says_whether_it_is_enough():
     assert isinstance(plan.chosen, Convolution)
     assert not plan.doubts
     asked = sg.plan(scene(16000.0), sampler="convolution")
-    assert any("1 - C_I between the object's far corners" in doubt for doubt in asked.doubts)
+    assert any("1 - C_I across the object" in doubt for doubt in asked.doubts)
     assert not sg.plan(scene(16000.0), sampler="convolution", rel_error=0.9).doubts
     tilts = scene(100.0).replace(illumination=sg.CollimatedBeams.tilts([0.0, 1e-6], width=2e5))
     assert_refused(lambda: sg.plan(tilts, sampler="convolution"), "images hidden objects")
