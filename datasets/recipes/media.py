@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
+from specklegen.core.budgets import Budget
 from specklegen.core.content import is_own
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject, warn_user
@@ -23,7 +24,7 @@ from specklegen.core.values import remembered
 from specklegen.datasets.recipes.parts.viewing import Viewing
 from specklegen.datasets.recipes.specification import Specification
 from specklegen.planning.plan import Plan
-from specklegen.planning.planning import plan
+from specklegen.planning.planning import Options, plan, planned
 from specklegen.samplers.sampler import MediaRequest, Sampler
 from specklegen.scene.illumination import CollimatedBeams, IncoherentObject, directions_of_sines, object_sines
 from specklegen.scene.media import Slab
@@ -195,7 +196,7 @@ class RecipeMedia(Specification):
         Raise a `RuleError` if path sums are needed, and have no model of what the recipe asks for.
         """
         paths = self.material.kernel_paths
-        probe_plan = plan(view.probe, paths=paths, sampler=self.sampler, envelope=False)
+        probe_plan = planned(view.probe, Budget(paths=paths), Options(self.sampler, envelope=False, merged=True))
         if self.moving and not probe_plan.chosen.abilities.films and probe_plan.sampler != "paths":
             reject("Recipe.sampler", "one that knows frames of media that move", probe_plan.sampler,
                    'Ask for sampler = "stationary".')  # fmt: skip
@@ -237,9 +238,10 @@ class RecipeMedia(Specification):
             if self.strict:
                 reject("Recipe.sampler", "fit for all media where strict = true", self.sampler, f"{doubts[0]}.{remedy}")
             warn_user(f"recipe {self.name}: {doubts[0]}.{remedy}")
-        largest = max(plans, key=lambda each: each.expected_error)
+        largest = max(plans, key=lambda each: (each.chosen.by_direction, each.expected_error))
         agree = len({each.sampler for each in plans}) == 1
-        return Rendering(largest.expected_error, largest.chosen) if agree else None
+        error = max(each.expected_error for each in plans)
+        return Rendering(error, largest.chosen) if agree else None
 
     def renderings(self, media: DrawnMedia) -> list[tuple[list[int], Rendering]]:
         """Say what renders media, and which: as for all of the recipe, or as planned for each of them alone."""
@@ -305,6 +307,8 @@ class RecipeMedia(Specification):
         elif self.rendering.chosen.abilities.medium_by_medium:
             sampler = self.rendering.name
             work.append("sums over paths" if sampler == "paths" else f"media of the {sampler} sampler, one by one")
+        elif self.rendering.chosen.by_direction:
+            work.append("the brightness and memory effect of every medium by the camera's directions")
         own = self.exposure is not None and is_own(type(self.exposure))
         return [*work, "counts of a camera of a user's own"] if own else work
 

@@ -16,6 +16,7 @@ from specklegen.core.cached_results import cached_result
 from specklegen.core.most_recent import MostRecent
 from specklegen.core.random_streams import Seed, pilot_seed
 from specklegen.core.values import read_only
+from specklegen.memory_effects.camera import estimate_camera_correlation
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
 from specklegen.memory_effects.oblique import ObliqueCorrelation, estimate_oblique_correlation
 from specklegen.memory_effects.polarised_fields import (
@@ -72,6 +73,14 @@ def oblique_correlation(
             medium, light, view, paths, seed, transfer=transfer, threads=threads
         ),
     )  # fmt: skip
+
+
+def camera_correlation(
+    medium: PlaneMedium, half: np.ndarray, paths: int, *, threads: int | None = None
+) -> MemoryEffectCorrelation:
+    """K of a medium over a camera of half sides float64[2], from ``paths`` paths of its own, traced once."""
+    return _cached(MemoryEffectCorrelation, medium, paths, ("camera", _written(half)),
+                   lambda seed: estimate_camera_correlation(medium, half, paths, seed, threads=threads))  # fmt: skip
 
 
 def polarised_fields(

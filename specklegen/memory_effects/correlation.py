@@ -212,7 +212,7 @@ def estimate_correlation(
         rows[n] = np.bincount(place[part], weight[part], minlength=RADIUS_BINS)
 
     map_blocks(batch, range(len(rows)), threads)
-    return _of_bins(rows, radius, weight, place, weight[bank.orders == 1].sum(), paths)
+    return correlation_of_bins(rows, radius, weight, place, weight[bank.orders == 1].sum(), paths)
 
 
 def _of_axial_light(medium: PlaneMedium, paths: int, seed: Seed, threads: int | None) -> MemoryEffectCorrelation:
@@ -223,7 +223,7 @@ def _of_axial_light(medium: PlaneMedium, paths: int, seed: Seed, threads: int | 
     place = radius_bins(medium, radius)
     batch = np.arange(paths) * batches // max(paths, 1)
     rows = np.bincount(batch * RADIUS_BINS + place, weight, batches * RADIUS_BINS).reshape(batches, RADIUS_BINS)
-    return _of_bins(rows, radius, weight, place, once.sum(), paths)
+    return correlation_of_bins(rows, radius, weight, place, once.sum(), paths)
 
 
 def radius_bins(medium: PlaneMedium, radius: np.ndarray) -> np.ndarray:
@@ -238,7 +238,7 @@ def _bins(radius: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.where(radius > 0, np.clip(bins, 0, RADIUS_BINS - 2) + 1, 0).astype(np.int64)
 
 
-def _of_bins(
+def correlation_of_bins(
     rows: np.ndarray, radius: np.ndarray, weight: np.ndarray, place: np.ndarray, single: float, paths: int
 ) -> MemoryEffectCorrelation:
     """K of radii and weights float64[M] in bins int64[M], of which batches hold ``rows`` float64[batches, bins]."""

@@ -167,6 +167,8 @@ class Options:
         As of :func:`plan`.
     walked : bool
         As of a :class:`~specklegen.samplers.sampler.Request`.
+    merged : bool
+        Whether images may be drawn under the mean envelope of an object, as those of recipes are.
     media : int
         Realizations, 1 where no number is given.
     owner : str
@@ -181,6 +183,7 @@ class Options:
     realizations: int | None = 1
     owner: str = "plan"
     walked: bool = False
+    merged: bool = False
     asked: type[Sampler] | None = field(init=False, default=None)
     media: int = field(init=False, default=1)
 
@@ -230,7 +233,7 @@ def _planned(scene: Scene, budget: Budget, options: Options) -> Plan:
     request = Request(
         budget.paths, budget.rel_error, reversal.needed, tolerance, options.field_tolerance,
         "auto" if asked is None else asked.name, options.streamed, options.envelope, options.media,
-        walked=options.walked,
+        walked=options.walked, merged=options.merged,
     )  # fmt: skip
     chosen, of_sampler, others = _proposed(scene, request, asked)
     pilot = getattr(chosen, "pilot", None)  # a sampler without paths has none

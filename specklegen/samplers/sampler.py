@@ -72,6 +72,8 @@ class Request:
         Whether the stack comes piece by piece.
     envelope : bool
         Whether fields may be drawn under an envelope that turns with the tilt.
+    merged : bool
+        Whether images may be drawn under the mean envelope of an object, where not under that of each of its pixels.
     realizations : int
         Media that will be drawn, over which what is found once is shared.
     thorough : bool
@@ -95,6 +97,7 @@ class Request:
     thorough: bool = True
     beside: float = 0.0
     walked: bool = False
+    merged: bool = False
 
     def paths_by(self, moments: PathMoments, within_image: bool = False) -> int:
         """Return the paths asked for: their number, or those of the error by a pilot's moments, or the default."""
@@ -267,6 +270,8 @@ class Sampler(ABC):
         Whether so many paths make Gaussian speckle.
     intensity : float
         Largest mean intensity among a few lights and views; 0 where it is not known.
+    by_direction : bool
+        Whether a recipe's media are made ready for each direction of a wide camera: all of a recipe, if any needs it.
     """
 
     name: ClassVar[str]
@@ -279,6 +284,7 @@ class Sampler(ABC):
     summation = "of its own"
     gaussianity = EXACT
     intensity = 0.0
+    by_direction = False
 
     def __init_subclass__(cls, name: str | None = None, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

@@ -89,6 +89,9 @@ class Imaging:
     gains, polynomials : real[M, T, P, H, W], real[P, h, w], or None
         Where light stays about its beam: the envelope of a beam at each view, as a sum of products of a map of the
         camera and one of the object.
+    merged : bool
+        Whether an image is made once, and multiplied by the object's mean envelope at each view; else once for each
+        product.
     film : real[M, F R, F R] or None
         Of media that move: root of the covariance of all modes in all frames; see :mod:`films`.
     """
@@ -108,6 +111,7 @@ class Imaging:
     shape: tuple[int, int]
     gains: torch.Tensor | None = None
     polynomials: torch.Tensor | None = None
+    merged: bool = False
     film: torch.Tensor | None = None
 
     def __len__(self) -> int:
@@ -131,7 +135,7 @@ class Imaging:
     @property
     def statics(self) -> tuple:
         """All that has none."""
-        return self.lags, self.shape, self.mixing is None, self.polynomials is None, self.film is None
+        return self.lags, self.shape, self.mixing is None, self.polynomials is None, self.merged, self.film is None
 
     @property
     def rank(self) -> int:
@@ -223,8 +227,9 @@ class Imaging:
             some |= {
                 "object_rows": self.object_rows[:, :, rows], "object_columns": self.object_columns[:, columns],
             }  # fmt: skip
-        if self.polynomials is None:
-            return self._even(optics.images(spectra, modes, light[:, rows, columns].to(modes.dtype), some), light)
+        if self.polynomials is None or self.merged:
+            seen = optics.images(spectra, modes, light[:, rows, columns].to(modes.dtype), some)
+            return self._toned(self._even(seen, light), light)
         assert self.gains is not None
         seen = [
             self.gains[:, :, n] * optics.images(spectra, modes, (light * own)[:, rows, columns].to(modes.dtype), some)
@@ -245,8 +250,8 @@ class Imaging:
                 return self._from_points(drawn, own)
             return optics.seen(node_spectrum(self, drawn, own, nodes, box), self.transforms)
 
-        if self.polynomials is None:
-            return self._even(seen(light), light)
+        if self.polynomials is None or self.merged:
+            return self._toned(self._even(seen(light), light), light)
         assert self.gains is not None
         parts = [self.gains[:, :, n] * seen(light * own) for n, own in enumerate(self.polynomials)]
         return sum(parts[1:], parts[0])
@@ -321,7 +326,8 @@ class Imaging:
         power = torch.view_as_real(light).square().sum((-1, 1)) * self.envelope.square()
         even = self.flat * torch.view_as_real(waves).double().square().sum((1, 2, 3))
         mean = power.sum((1, 2), dtype=torch.float64) + even
-        return ((image + even[:, None, None, None]) / mean[:, None, None, None]).to(self.modes.dtype)
+        seen = ((image + even[:, None, None, None]) / mean[:, None, None, None]).to(self.modes.dtype)
+        return self._toned(seen, torch.view_as_real(amplitudes).square().sum(-1)) if self.merged else seen
 
     def contrast(self, light: torch.Tensor, media: Places = slice(None)) -> torch.Tensor:
         """Expected contrast float64[B] of images of objects real[B, h, w] behind B media, under polarised light."""
@@ -337,6 +343,15 @@ class Imaging:
     def _even(self, seen: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
         even = (self.flat * light.sum((1, 2), dtype=torch.float64)).to(seen.dtype)
         return seen + even[:, None, None, None]
+
+    def _toned(self, seen: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+        """Images real[B, T or F, H, W] under the mean envelope of objects real[B, h, w], where there is one."""
+        if self.gains is None or self.polynomials is None:
+            return seen
+        share = torch.einsum("bhw,nhw->bn", light.to(self.polynomials.dtype), self.polynomials)
+        total = light.sum((1, 2), dtype=share.dtype).clamp(min=torch.finfo(share.dtype).tiny)
+        gains = self.gains.expand(len(light), -1, -1, -1, -1)
+        return seen * torch.einsum("bn,btnhw->bthw", share / total[:, None], gains).to(seen.dtype)
 
     def _from_points(self, drawn: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
         bright = light.reshape(-1).to(self.modes.dtype)
@@ -530,9 +545,11 @@ def imagings(
         first = 0
         for some, rank in groups:
             own, part = at[first : first + len(some)], slice(first, first + len(some))
-            seen = {"variance": variance[own]} | _seen(sight.at(own), precise) if together is None else {
-                name: value[part] for name, value in together.items()
-            }
+            seen = (
+                {"variance": variance[own]} | _seen(sight.at(own), precise)
+                if together is None
+                else {name: value[part] for name, value in together.items()}
+            )
             lit, moving = None if light is None else light.at(own), None if film is None else film.at(own)
             prepared.append((own, _imaging(seen, sight, modes.at(part), rank, lit, moving)))
             first += len(some)
@@ -615,7 +632,7 @@ def _imaging(
         lags=lags,
         shape=sight.shape,
         film=None if film is None else film_root(modes, rank, film).to(real),
-        **seen,
+        **seen,  # type: ignore[arg-type]
     )
 
 

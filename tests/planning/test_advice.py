@@ -96,7 +96,7 @@ def test_reversed_paths_add_nothing_that_is_seen(name, n):
 def test_the_kernel_stands_for_the_paths(name, n):
     """|C|^2 between the two lights furthest apart, window and all, within what the criterion states."""
     made = slab_plan(name, n)
-    stated = scene_stationary_error(made.scene, STATIONARY_TOLERANCE, False)
+    stated = scene_stationary_error(made.scene, STATIONARY_TOLERANCE, "axial")
     assert f"correlation error {stated.correlation:.2g}" in made.explain()
     covariance, kernel = full(made.scene, False, 1), estimate_correlation(made.scene.slab, 100_000, 3)
     last = len(covariance.value) - 1

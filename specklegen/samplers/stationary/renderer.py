@@ -17,6 +17,7 @@ from specklegen.core.random_streams import Seed, seed_words
 from specklegen.memory_effects.atlas import atlas_correlation
 from specklegen.memory_effects.cached import (
     axial_correlation,
+    camera_correlation,
     estimated_under,
     oblique_correlation,
     polarised_correlation,
@@ -29,6 +30,7 @@ from specklegen.samplers.sampler import Realization, Where, image_of
 from specklegen.samplers.stationary.envelope import Envelope
 from specklegen.samplers.stationary.object_maps import ObjectMaps, object_of
 from specklegen.samplers.stationary.rule import Form
+from specklegen.samplers.stationary.stationarity import half_sides
 from specklegen.scene.illumination import directions_of_sines, reference_direction
 from specklegen.scene.motion import law_of
 from specklegen.scene.scene import Scene
@@ -81,6 +83,8 @@ class Prepared:
             correlation = atlas_correlation(scene.slab, np.inf)
             assert correlation is not None, "the planner has seen it there"
             return correlation
+        if self.form == "averaged":
+            return camera_correlation(scene.slab, half_sides(scene), paths, threads=self.threads)
         if self.form == "axial":
             return axial_correlation(scene.slab, paths, threads=self.threads)
         light, view = reference_direction(scene.beams.directions), scene.grid.center_direction
@@ -113,6 +117,7 @@ class Prepared:
     def _film(self) -> "FilmCorrelation":
         """Correlation of the light and view in the middle, as if at rest."""
         from specklegen.memory_effects.film import FilmCorrelation
+
         scene, axial = self.scene, self.form == "axial"
         light, view = reference_direction(scene.at_rest.beams.directions), scene.grid.center_direction
         ends = (AXIS, AXIS) if axial else (light, view)

@@ -27,8 +27,8 @@ from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 from specklegen.synthesis.exit_grid import Axis, stack_axes
 
-Form = Literal["axial", "oblique"]
-_FORMS = {"axial": "on-axis approximation", "oblique": "oblique correlation"}
+Form = Literal["axial", "oblique", "averaged"]
+_FORMS = {"axial": "on-axis approximation", "oblique": "oblique correlation", "averaged": "average over the camera"}
 _PART = "stationary sampler"
 _MOST_TURN = 0.1  # radians, of which a correlation keeps .995
 
@@ -38,8 +38,8 @@ class Model(NamedTuple):
 
     Attributes
     ----------
-    form : "axial" or "oblique"
-        Its memory-effect correlation: of the axis, or about a direction of its own.
+    form : "axial", "oblique" or "averaged"
+        Its memory-effect correlation: of the axis, about a direction of its own, or over all directions of the camera.
     enveloped : bool
         Whether intensities change with view and tilt (:func:`scene_envelope`); else they are the same everywhere.
     """
@@ -67,6 +67,8 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
         models = [Model(form, enveloped) for enveloped in (False, True) for form in _forms(scene)]
     elif obstacle is None:  # of a recipe's media that of the axis alone
         models = [Model("axial")] if "axial" in _forms(scene) else []
+    if asked and models and _about_axis(scene) and (request.merged or (request.envelope and scene.hides_object)):
+        models.append(Model("averaged", enveloped=True))
     if scene.polarisers is not None:  # envelopes are those of light that is the same whichever way it is turned
         models = [model for model in models if not model.enveloped]
     if not models:
@@ -78,18 +80,23 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
     glance = not (asked or request.beside)  # else what is found too large may be drawn with, and is stated as its error
     errors: dict[Model, StationaryError] = {}
     for model in models:
-        if model.enveloped and errors[Model(model.form)].uncorrelated(allowed):
+        if model.form == "averaged" and not errors[models[0]].uneven(request.tolerance):
+            continue  # a narrow camera
+        if model.form != "averaged" and model.enveloped and errors[Model(model.form)].uncorrelated(allowed):
             continue  # an envelope leaves correlations as they are
-        if model.enveloped and not _carried(scene, model):
+        if model.enveloped and not _carried(scene, model, request.envelope):
             continue
         errors[model] = scene_stationary_error(
-            scene, request.tolerance, model.form == "oblique", model.enveloped, request.thorough, glance, request.walked
+            scene, request.tolerance, model.form, model.enveloped, request.thorough, glance, request.walked
         )
         if errors[model].accepts(request.tolerance):
             break
     best = min(
         errors, key=lambda m: (not errors[m].accepts(request.tolerance), m.enveloped, errors[m].largest)
     )  # fmt: skip
+    directed = [model for model in errors if model.form == "averaged"]
+    if directed and not errors[best].accepts(request.tolerance):
+        best = directed[0]
     reason = "; ".join(
         f"{model}: correlation error {error.correlation:.2g} ± {error.correlation_error:.1g}, "
         f"intensity error {error.intensity:.2g} ± {error.intensity_error:.1g}"
@@ -169,27 +176,34 @@ def _forms(scene: Scene) -> tuple[Form, ...]:
     return (*(("axial",) if axial else ()), *(("oblique",) if oblique else ()))
 
 
-def _carried(scene: Scene, model: Model) -> bool:
-    """Return whether there is an envelope, which a hidden object's images can be drawn under."""
+def _about_axis(scene: Scene) -> bool:
+    """Return whether a scene's camera is about the axis, and its light one that it sees through a slab."""
+    return scene.side > 0 and bool(np.allclose(scene.grid.center_direction, AXIS, rtol=0, atol=1e-9))
+
+
+def _carried(scene: Scene, model: Model, exact: bool) -> bool:
+    """Return whether there is an envelope, which a hidden object's images can be drawn under, ``exact`` or merged."""
     if scene_envelope(scene, model.form == "oblique") is None:
         return False
-    return bool(scene.illumination.images) or scene_object_maps(scene) is not None
+    return not exact or bool(scene.illumination.images) or scene_object_maps(scene) is not None
 
 
 @remembered(64)
 def scene_stationary_error(
-    scene: Scene, tolerance: float, oblique: bool, enveloped: bool = False, thorough: bool = True, glance: bool = True,
+    scene: Scene, tolerance: float, form: Form, enveloped: bool = False, thorough: bool = True, glance: bool = True,
     walked: bool = False,
 ) -> StationaryError:  # fmt: skip
-    """How far the stationary model, with the correlation of the axis or the oblique one, is from pilot paths."""
+    """How far the stationary model with one of its correlations is from pilot paths."""
+    oblique, averaged = form == "oblique", form == "averaged"
     envelope = scene_envelope(scene, oblique) if enveloped else None
     tracer = slab_tracer(scene, False, aside=False)
     most = MOST_PATHS if thorough else FIRST_PATHS
     return cached_result(
         StationaryError,
-        ("stationary error", scene, tolerance, oblique, enveloped, thorough, glance, *(["walked"] if walked else [])),
+        ("stationary error", scene, tolerance, form, enveloped, thorough, glance, *(["walked"] if walked else [])),
         lambda: stationary_error(
-            scene, tracer, tolerance, oblique=oblique, envelope=envelope, most=most, glance=glance, walked=walked
+            scene, tracer, tolerance, oblique=oblique, averaged=averaged, envelope=envelope, most=most, glance=glance,
+            walked=walked,
         ),
     )  # fmt: skip
 

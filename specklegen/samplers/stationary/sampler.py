@@ -54,8 +54,9 @@ class Stationary(MediaSampler, name="stationary"):
     ----------
     paths : int
         Paths that estimate the memory-effect correlation, once for a medium; 0 where the atlas has it.
-    form : "axial" or "oblique"
-        The correlation of the axis, or about the middle of the beams and views.
+    form : "axial", "oblique" or "averaged"
+        The correlation of the axis, about the middle of the beams and views, or over the camera's directions; recipes
+        are drawn under the brightness of each direction as well where it is the last.
     pilot : Pilot or AxialPilot
         The latter of layers that refract.
     streamed : bool
@@ -114,7 +115,7 @@ class Stationary(MediaSampler, name="stationary"):
                 f"from the atlas: |K|^2 within {tabulated.correlation:.2g}, intensities within "
                 f"{tabulated.intensity:.2g}; paths= estimates it instead"
             )
-        hidden = envelope is not None and not scene.illumination.images
+        hidden = envelope is not None and request.envelope and not scene.illumination.images
         maps = scene_object_maps(rest) if hidden else None
         decisions = [decision, Decision("memory-effect correlation", True, source)]
         return cls(scene, paths, model.form, pilot, request.streamed, envelope, maps, tabulated), decisions
@@ -144,6 +145,11 @@ class Stationary(MediaSampler, name="stationary"):
     def intensity(self) -> float:
         """Largest mean intensity among the pilot's lights and views."""
         return self.pilot.intensity
+
+    @property
+    def by_direction(self) -> bool:
+        """True under a wide camera: see :mod:`specklegen.samplers.stationary.wide_cameras`."""
+        return self.form == "averaged"
 
     def cost(self) -> Cost:
         """Count the operations of the correlation, once, and of one stack, or of an object's image by its modes."""
@@ -193,8 +199,11 @@ class Stationary(MediaSampler, name="stationary"):
 
     def prepare_media(self, request: MediaRequest) -> "list[tuple[list[int], Imaging]]":
         """Make media ready, whose memory effect is known."""
+        from specklegen.samplers.stationary.wide_cameras import wide_imagings
         from specklegen.synthesis.imaging import imagings
 
+        if self.by_direction and request.sight.device.type != "meta":
+            return wide_imagings(request, self.paths, complete=self.complete)
         return imagings(
             request.sight, request.correlations, request.light, tolerance=request.tolerance, film=request.film
         )

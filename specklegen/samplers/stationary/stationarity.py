@@ -14,18 +14,20 @@ hidden object that has none, and whose lobes are one, the middle stands for all:
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from specklegen.core.random_streams import pilot_seed
 from specklegen.core.statistics import jackknife
+from specklegen.memory_effects.camera import camera_nodes
 from specklegen.memory_effects.oblique import face_to_face
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import SLANT
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.samplers.stationary.envelope import Envelope, fit_envelope
 from specklegen.samplers.stationary.pilot_bank import Pair, PilotBank, keeps_angle
-from specklegen.scene.illumination import reference_direction
+from specklegen.scene.illumination import directions_of_sines, reference_direction
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
 
@@ -67,6 +69,10 @@ class StationaryError:
         """Correlations are beyond the tolerance by two standard errors."""
         return self.correlation - 2 * self.correlation_error > tolerance
 
+    def uneven(self, tolerance: float) -> bool:
+        """Intensities are beyond the tolerance by two standard errors."""
+        return self.intensity - 2 * self.intensity_error > tolerance
+
     @property
     def largest(self) -> float:
         """The larger of the two."""
@@ -74,28 +80,26 @@ class StationaryError:
 
 
 def stationary_error(
-    scene: Scene, tracer: SlabTracer, tolerance: float, *, oblique: bool = False, envelope: Envelope | None = None,
-    most: int = MOST_PATHS, glance: bool = False, walked: bool = False,
+    scene: Scene, tracer: SlabTracer, tolerance: float, *, oblique: bool = False, averaged: bool = False,
+    envelope: Envelope | None = None, most: int = MOST_PATHS, glance: bool = False, walked: bool = False,
 ) -> StationaryError:  # fmt: skip
     """Judge a scene; more pilot paths, at ``most`` so many, while they alone stand between yes and no.
 
     A ``glance`` at few of them is enough where the answer is clear, and how large an error is matters to nobody: most
     scenes are far from the tolerance.
     """
+    judged = partial(pilot_error, scene, tracer, oblique=oblique, averaged=averaged, envelope=envelope, walked=walked)
     if glance:
-        error = pilot_error(scene, tracer, GLANCE_PATHS, oblique=oblique, envelope=envelope, every=True,
-                            walked=walked)  # fmt: skip
+        error = judged(GLANCE_PATHS, every=True)
         if error.is_clear(tolerance, _CLEAR):
             return error
-    error = pilot_error(scene, tracer, FIRST_PATHS, oblique=oblique, envelope=envelope, walked=walked)
-    if most > FIRST_PATHS and not error.is_clear(tolerance, _SURE):
-        return pilot_error(scene, tracer, most, oblique=oblique, envelope=envelope, walked=walked)
-    return error
+    error = judged(FIRST_PATHS)
+    return judged(most) if most > FIRST_PATHS and not error.is_clear(tolerance, _SURE) else error
 
 
 def pilot_error(
-    scene: Scene, tracer: SlabTracer, paths: int, *, oblique: bool = False, envelope: Envelope | None = None,
-    every: bool = False, walked: bool = False,
+    scene: Scene, tracer: SlabTracer, paths: int, *, oblique: bool = False, averaged: bool = False,
+    envelope: Envelope | None = None, every: bool = False, walked: bool = False,
 ) -> StationaryError:  # fmt: skip
     """Judge a scene with collimated beams (or an incoherent object) and a far-field grid from ``paths`` paths.
 
@@ -109,6 +113,8 @@ def pilot_error(
         Pilot paths.
     oblique
         Judge the model with the oblique kernel; otherwise that of the axis, which is for transmission.
+    averaged
+        Judge the model whose correlation is averaged over the camera's directions.
     envelope
         Of the model's intensity; without one it is the same everywhere.
     every
@@ -129,11 +135,13 @@ def pilot_error(
     if not norm.any():  # an analyser that nothing passes: both are dark
         return StationaryError(0.0, 0.0, 0.0, 0.0)
     tilts = probe_tilts(scene, model.bank.orders, weight, way)
+    towards = _camera_weights(scene, model) if averaged else [(1.0, weight, way)]
 
     def of_model(tilt: np.ndarray) -> np.ndarray:
-        return model.sums(weight * np.exp(-1j * scene.wavenumber * (way @ tilt)))
+        q = scene.wavenumber * tilt
+        return np.sum([share * model.sums(own * np.exp(-1j * (ways @ q))) for share, own, ways in towards], axis=0)
 
-    mismatches = probe_mismatches(scene)
+    norms, mismatches = of_model(np.zeros(2)), probe_mismatches(scene)
     models = [[of_model(tilt + kappa) for kappa, _ in mismatches] if walked else [of_model(tilt)] * len(mismatches)
               for tilt in tilts]  # fmt: skip
     # Tilted light keeps its angle to a lobe that is narrower, where the lobe is not in its far field.
@@ -151,7 +159,7 @@ def pilot_error(
     between = None if envelope is None else 0.7
     lights, views = _pairs(_probe_lights(scene, between), _intensity_views(scene, envelope is not None))
     carried = 1.0 if envelope is None else envelope.intensity(lights, views)
-    of_models = np.array(modelled).T, np.repeat(norm[:, None], n, axis=1)
+    of_models = np.array(modelled).T, np.repeat(norms[:, None], n, axis=1)
     sums = [*pilot.correlations(pairs), *of_models]
     table = np.stack(sums, axis=-1).reshape(len(norm), -1)
     table = np.concatenate([table, pilot.intensities(lights, views), norm[:, None]], axis=1)
@@ -173,6 +181,24 @@ def pilot_error(
     unknown = np.square(reaches[np.square(reaches) > SLANT]).max(initial=0.0)
     return StationaryError(max(float(abs(value[worst])), float(unknown)), float(error[worst]),
                            float(abs(value[brightest])), float(error[brightest]))  # fmt: skip
+
+
+def _camera_weights(scene: Scene, model: PilotBank) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """Share, weights float64[M] and ways about their mean float64[M, 2] of all nodes of a camera, mirror images too."""
+    found = []
+    for sines, share in zip(*camera_nodes(half_sides(scene)), strict=True):
+        signs = [np.array([a, b]) for a in (1, -1)[: 1 + (sines[0] > 0)] for b in (1, -1)[: 1 + (sines[1] > 0)]]
+        for sign in signs:
+            weight = model.weight(sign * sines)
+            way = face_to_face(model.bank, scene.slab, model.light, directions_of_sines("view", sign * sines))
+            total = max(weight.sum(), 1e-300)
+            found.append((share / len(signs) / total, weight, way - weight @ way / total))
+    return found
+
+
+def half_sides(scene: Scene) -> np.ndarray:
+    """Direction sines (x, y) from the middle of a scene's camera to its sides, float64[2]."""
+    return np.array([(sines[-1] - sines[0]) / 2 for sines in _grid(scene).sines])
 
 
 def pilot_envelope(scene: Scene, tracer: SlabTracer, *, oblique: bool = False) -> Envelope | None:

@@ -47,9 +47,9 @@ def test_the_planner_states_how_much_the_intensities_vary_and_takes_an_envelope(
     made = sg.plan(scene)
     assert (made.sampler, made.doubts) == ("stationary", ())
     (said,) = [each.reason for each in made.decisions if each.part == "stationary sampler"]
-    plain, carried = (scene_stationary_error(scene, 0.02, False, enveloped) for enveloped in (False, True))
-    assert f"its intensities by {plain.intensity:.2g}" in said
-    assert "of the axis under an envelope" in said
+    plain, carried = (scene_stationary_error(scene, 0.02, "axial", enveloped) for enveloped in (False, True))
+    assert f"intensity error {plain.intensity:.2g}" in said
+    assert "on-axis approximation under an envelope" in said
     assert carried.accepts(0.02)
     assert carried.correlation == pytest.approx(plain.correlation, rel=0.05)
     # The figure is the largest over five views, of which one is the middle: it may exceed the corner's by its error.
@@ -128,7 +128,7 @@ def test_an_object_is_seen_under_an_envelope_by_the_planners_choice(scene):
     near = hidden(scene, [1.0, 0.0, 1.0])
     made = sg.plan(near, rel_error=0.03)
     assert (made.sampler, made.doubts) == ("stationary", ())
-    assert "of the axis under an envelope" in made.explain()
+    assert "on-axis approximation under an envelope" in made.explain()
     assert made.chosen.maps is not None
     plain = sg.plan(near, rel_error=0.03, sampler="stationary", envelope=False)
     assert plain.doubts
@@ -176,10 +176,10 @@ def test_pixels_that_a_small_camera_sees_beside_their_lobe_are_judged(scene):
     """What no view of the middle pixel shows: those of outer pixels are a tenth darker everywhere."""
     small = scene.replace(sensor=scene.sensor.replace(shape=(9, 9)))
     exact = closed_form(small, np.array([[0.0, 0.0], [0.032, 0.0]]), np.zeros((1, 2)))[:, 0]
-    found = scene_stationary_error(hidden(small, [1.0, 1.0, 1.0], 0.032), 0.02, False, glance=False)
+    found = scene_stationary_error(hidden(small, [1.0, 1.0, 1.0], 0.032), 0.02, "axial", glance=False)
     assert_z(found.intensity, 1 - exact[1], found.intensity_error, degrees=63, slack=0.01)
     refute_z(0.0, 1 - exact[1], found.intensity_error, degrees=63, slack=0.01)
-    near = scene_stationary_error(hidden(small, [1.0, 1.0, 1.0], 1e-4), 0.02, False)
+    near = scene_stationary_error(hidden(small, [1.0, 1.0, 1.0], 1e-4), 0.02, "axial")
     assert near.intensity < 0.02
     assert sg.plan(hidden(small, [1.0, 1.0, 1.0], 1e-4)).chosen.envelope is None
 
@@ -190,7 +190,7 @@ def test_beams_far_from_the_lobe_of_others_are_not_as_bright():
     small = sg.Scene(wavelength=1.0, medium=medium, illumination=sg.CollimatedBeams.tilts([0.0, 0.05], width=2000.0),
                      sensor=sg.FarField.grid((9, 9), 1 / 6000))  # fmt: skip
     exact = closed_form(small, np.array([[0.0, 0.0], [0.025, 0.0], [0.05, 0.0]]), np.zeros((1, 2)))[:, 0]
-    found = scene_stationary_error(small, 0.02, True, glance=False)
+    found = scene_stationary_error(small, 0.02, "oblique", glance=False)
     off = np.abs(exact[[0, 2]] / exact[1] - 1).max()  # over the middle of both beams
     assert_z(found.intensity, off, found.intensity_error, degrees=63, slack=0.01)
     refute_z(0.0, off, found.intensity_error, degrees=63, slack=0.01)
