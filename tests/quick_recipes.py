@@ -8,7 +8,8 @@ KIN = {"any-object": "unknown-slab", "characters-of-new-fonts": "unknown-slab", 
        "unseen-material": "unknown-slab", "through-slab-lab": "through-slab", "brownian-slab": "dynamic-slab",
        "ground-glass-bench": "ground-glass",
        "registered-tilts": "material-regression", "star-behind-slab": "masked-light-slab",
-       "tissue-microscope": "refocus-stack", "wide-field": "unknown-slab"}  # fmt: skip
+       "tissue-microscope": "refocus-stack", "wide-field": "unknown-slab",
+       "points-beyond-range": "unknown-slab", "screen-stack": "double-diffuser"}  # fmt: skip
 """Recipes that another one's program draws, from other numbers or objects: slow tests look at them too."""
 
 

@@ -198,7 +198,8 @@ def transmittance(medium: sg.Slab, paths: int, seed: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("optical_depth", "paths"), [
-    (5, 64 * 24_000), (10, 64 * 48_000), pytest.param(20, 64 * 100_000, marks=pytest.mark.slow),
+    (5, 64 * 24_000),
+    *(pytest.param(depth, 64 * paths, marks=pytest.mark.slow) for depth, paths in ((10, 48_000), (20, 100_000))),
 ])  # fmt: skip
 def test_transmission_of_a_slab(optical_depth, paths):
     found = transmittance(slab(optical_depth), paths, 21)
