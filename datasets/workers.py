@@ -27,8 +27,8 @@ def worker_context() -> BaseContext:
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise RuntimeError(
-            "a worker process ran the script that started it; put what the script does under "
-            '`if __name__ == "__main__":`'
+            "a worker process ran the script that started it, which would start workers again. Put the statements of "
+            'the script under `if __name__ == "__main__":`'
         )
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")

@@ -157,7 +157,7 @@ def test_train_makes_its_images_on_the_device(tmp_path, told):
                                    "--validation-samples", "16", "--device", "apart", "--seconds", "45", "--out",
                                    str(tmp_path / "run")])  # fmt: skip
     assert run.exit_code == 0, run.output
-    assert "training images are made on: apart" in run.output
+    assert "Rendering training images on apart" in run.output
     assert (tmp_path / "run" / "summary.md").exists()
 
 

@@ -167,7 +167,7 @@ class SpeckleCache(Dataset, Pictured):
             If the index is no whole number, or there is no such sample.
         """
         if not -len(self) <= whole_number("SpeckleCache index", index, -(2**63)) < len(self):
-            raise IndexError(f"sample {index} of a store of {len(self)}")
+            raise IndexError(f"index {index} is out of range: the store has {len(self)} samples")
         index = int(index) % len(self)
         try:
             return self._read(index)

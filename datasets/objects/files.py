@@ -23,6 +23,8 @@ from specklegen.core.values import IDENTITY
 from specklegen.datasets.objects.family import ListedFamily, Source
 from specklegen.datasets.split import Split
 
+_LISTED = 5
+"""Unreadable files that an error lists beside the first, at most."""
 _PATH = "objects.path"
 """Where a recipe's file has the folder."""
 
@@ -63,8 +65,20 @@ class FileFamily(ListedFamily):
             kinds = f"a folder with {self._plural} ({', '.join(self._suffixes)})"
             reject(f"{name}.path", kinds, self.path, in_tables=_PATH)
         by_digest: dict[str, str] = {}
+        unreadable: list[tuple[Path, str]] = []
         for path in paths:
-            by_digest.setdefault(self._digest(path), str(path))
+            try:
+                content = path.read_bytes()
+                self.require_readable(path)
+                by_digest.setdefault(hashlib.sha256(content).hexdigest(), str(path))
+            except Exception as error:  # each reader has errors of its own kind
+                unreadable.append((path, next(iter(str(error).splitlines()), "") or type(error).__name__))
+        if unreadable:
+            (first, why), *others = unreadable
+            shown = "".join(f"; {path}: {reason}" for path, reason in others[:_LISTED])
+            more = f"; and {len(others) - _LISTED} more" if len(others) > _LISTED else ""
+            remedy = f"{why}{shown}{more}. Repair or remove {'these files' if others else 'the file'}."
+            reject(f"{name} {self._noun}", "readable", str(first), remedy)
         return by_digest
 
     @property
@@ -142,16 +156,6 @@ class FileFamily(ListedFamily):
             same = False
         if not same:
             what = f"{type(self).__name__} {self._noun}"
-            reject(what, "as it was when the folder was first read", str(path), "Make the data set anew.")
+            reject(what, "unchanged since the folder was first read", str(path),
+                   "Restore the file, or generate the data set again in a new folder.")
         return path, digest
-
-    def _digest(self, path: Path) -> str:
-        """SHA-256 of a file that proves to be readable."""
-        try:
-            content = path.read_bytes()
-            self.require_readable(path)
-        except Exception as error:  # each reader has errors of its own kind
-            why = next(iter(str(error).splitlines()), "") or type(error).__name__
-            what = f"{type(self).__name__} {self._noun}"
-            reject(what, "readable", str(path), f"{why}: mend or remove the file.")
-        return hashlib.sha256(content).hexdigest()

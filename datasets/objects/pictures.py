@@ -68,7 +68,7 @@ def _grey(data: np.ndarray) -> np.ndarray:
     if not np.isfinite(picture).all() or picture.min() < 0:
         raise ValueError("it holds values that are negative or not finite")
     if picture.max() == 0:
-        raise ValueError("it is black all over")
+        raise ValueError("all of its pixels are black")
     return picture
 
 

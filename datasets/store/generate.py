@@ -138,8 +138,8 @@ def generate(
         for outcome in outcomes:
             if outcome.final:
                 raise GenerationError(
-                    f"nothing more can be written to {store.folder}, which holds {done} of {total} samples asked for.\n"
-                    f"{outcome.message}\nMake room, then run the same command again: it goes on where it stopped."
+                    f"Writing to {store.folder} failed after {done} of {total} samples.\n{outcome.message}\n"
+                    "Free some space, then run the same command again: it resumes."
                 )
             if outcome.state == "failed":
                 failures.append(outcome.message)
@@ -182,7 +182,7 @@ def unlisted(store: Store, shards: Sequence[int]) -> list[int]:
             continue  # `verify` tells of it, and mends it
     if foreign:
         shown = "\n".join(foreign[:5])
-        raise GenerationError(f"{counted(len(foreign), 'shard')} not as the ledger of {store.folder} says.\n{shown}")
+        raise GenerationError(f"{counted(len(foreign), 'shard')} of {store.folder} differ from its ledger.\n{shown}")
     return taken_off
 
 
@@ -220,9 +220,9 @@ def _run(store: Store, recipe: Renderable, shards: list[int], processes: int, wa
         except BrokenProcessPool:
             if len(left) == before or restart == _POOL_RESTARTS:
                 raise GenerationError(
-                    f"worker processes died, with {len(left)} shards to do: perhaps for want of memory, "
-                    'or of an `if __name__ == "__main__":` in the script that called generate. '
-                    "Run it again with fewer processes: it resumes."
+                    f"Worker processes died with {counted(len(left), 'shard')} left. Either memory ran out: use fewer "
+                    "processes. Or the script that calls generate runs again in each worker: put the call under "
+                    '`if __name__ == "__main__":`. Then run it again; it resumes.'
                 ) from None
 
 

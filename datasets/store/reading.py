@@ -6,13 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.datasets.store.metadata import COLUMNS
-from specklegen.datasets.store.shards import ForeignShard, MissingSample, UnlistedSample
+from specklegen.datasets.store.shards import REMEDY, ForeignShard, MissingSample, UnlistedSample
 from specklegen.datasets.store.store import Store
 
 _TABLES = 4096
 """Shards whose lines of the ledger and rows of parameters are kept in memory."""
-
-_REMEDY = "mend the store with verify --repair"
 
 
 class Stored(NamedTuple):
@@ -56,16 +54,16 @@ class SampleReader:
             table = self._table(shard)
             arrays = {key: files.read(index) for key, files in self.store.shard_files.items()}
         except MissingSample as error:
-            raise MissingSample(f"{error}, though the ledger lists it: {_REMEDY}") from None
+            raise MissingSample(f"{error}, though the ledger lists it. {REMEDY}") from None
         place, seed = f"shard {shard} of {self.store.folder}", self.store.seed
         there, of = int(table["index"][row]), int(table["seed"][row])
         if (there, of) != (index, seed):
             raise ForeignShard(
-                f"{place} holds sample {there} of seed {of} where sample {index} of seed {seed} should be: {_REMEDY}"
+                f"{place} holds sample {there} of seed {of} where sample {index} of seed {seed} should be. {REMEDY}"
             )
         if self.store.seal(index, seed, table["parameters"][row], arrays) != table["seal"][row]:
             raise ForeignShard(
-                f"{place} holds files of another data set or shard, as the seal of sample {index} tells: {_REMEDY}"
+                f"{place} holds files of another data set or shard: the seal of sample {index} differs. {REMEDY}"
             )
         return Stored(arrays, table["parameters"][row])
 
@@ -81,7 +79,7 @@ class SampleReader:
             self._valid.popitem(last=False)
         if not valid[row]:
             raise UnlistedSample(
-                f"sample {index} of {self.store.folder} has not been generated yet: run generate again, it goes on"
+                f"sample {index} of {self.store.folder} has not been generated yet. Run generate again; it resumes"
             )
 
     def _forget(self, shard: int) -> None:

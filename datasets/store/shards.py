@@ -23,6 +23,7 @@ from specklegen.core.whole_files import patiently
 from specklegen.datasets.store.encoding import ABSENT
 from specklegen.datasets.store.places import File, content, is_remote, opened_at_tail
 
+REMEDY = "Repair the store with `specklegen store verify FOLDER --repair RECIPE`"
 _OPEN_FILES = 32
 _BLOSC = Blosc()
 
@@ -46,7 +47,7 @@ class ForeignShard(DamagedShard):
 def _checked(data: bytes, file: Path) -> bytes:
     if len(data) < 4 or google_crc32c.value(data[:-4]) != int.from_bytes(data[-4:], "little"):
         raise DamagedShard(
-            f"{file} is damaged: its CRC32C does not match; mend the store with verify --repair"
+            f"{file} is damaged: its CRC32C checksum does not match. {REMEDY}"
         )
     return data[:-4]
 
@@ -64,7 +65,7 @@ def read_table(file: Path, dtype: np.dtype, shape: tuple[int, ...], expected: bo
         raise MissingSample(f"{file} is not there")
     rows = _checked(data, file)
     if len(rows) != int(np.prod(shape)) * dtype.itemsize:
-        raise DamagedShard(f"{file} holds a table of another size; mend the store with verify --repair")
+        raise DamagedShard(f"{file} holds a table of another size. {REMEDY}")
     return np.frombuffer(rows, dtype.newbyteorder("<")).reshape(shape)
 
 
@@ -133,12 +134,12 @@ class ShardFiles:
             data = _checked(patiently(lambda: self._chunk(sample)), file)
         # What it says that it unpacks to: a kilobyte of a stranger's would otherwise be let grow to gigabytes.
         if (_unpacked_length(data) if self._compressed else len(data)) != self._bytes:
-            raise ForeignShard(f"{file} holds samples of another size; mend the store with verify --repair")
+            raise ForeignShard(f"{file} holds samples of another size. {REMEDY}")
         if self._compressed:
             try:
                 data = _BLOSC.decode(data)
             except RuntimeError as error:
-                raise DamagedShard(f"{file} cannot be unpacked; mend the store with verify --repair") from error
+                raise DamagedShard(f"{file} cannot be unpacked. {REMEDY}") from error
         return np.frombuffer(data, self._dtype).reshape(self._shape)
 
     def _chunk(self, sample: int) -> bytes:

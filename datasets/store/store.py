@@ -79,8 +79,8 @@ class Store:
         """
         if fingerprint != self.fingerprint:
             raise ForeignShard(
-                f"{self.folder} now holds another data set, {self.fingerprint[:12]}, than the one that was opened "
-                f"there, {fingerprint[:12]}: a link or a folder was exchanged; open it anew"
+                f"{self.folder} was replaced since it was opened: it holds data set {self.fingerprint[:12]}, not "
+                f"{fingerprint[:12]}. Open it again"
             )
 
     @property

@@ -82,7 +82,7 @@ def evaluate(
     assert isinstance(loaded, HiddenObject)
     if "image" not in loaded.images_layout():
         reject("evaluate --recipe", "one with one image of each object", recipe,
-               "through-slab and unknown-slab are; `specklegen recipes` lists all.")  # fmt: skip
+               "through-slab and unknown-slab are; `specklegen recipes --all` lists all.")  # fmt: skip
     writable(out)
     tables = [model.trained_on for model in named.values()]
     if solver:

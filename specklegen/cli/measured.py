@@ -42,8 +42,8 @@ def get_measured(
     data = public_data(name)
     folder = data.get(out or Path(name), source)
     number = counted(len(data.files), "file")
-    typer.echo(f"{folder}: {number} of {data.repository} {data.commit[:7]}, as they should be")
+    typer.echo(f"{folder}: {number} of {data.repository} {data.commit[:7]}, all checksums right")
     if data.licence == "none":
-        typer.echo("Their authors state no licence: read them here, and hand nothing on.")
+        typer.echo("The authors state no licence: use the files here, and do not redistribute them.")
     else:
         typer.echo(f"Licence: {data.licence}.")

@@ -84,7 +84,8 @@ def load_hidden(
 
     loaded = load(recipe, changes, images, objects)
     if not isinstance(loaded, HiddenObject):
-        reject("recipe", "one with hidden objects", recipe, "`specklegen recipes` lists what there is.")
+        reject("recipe", "one with hidden objects", recipe,
+               "Use one of the kind hidden-object (`specklegen recipes --all --json` states kinds).")  # fmt: skip
     return loaded
 
 

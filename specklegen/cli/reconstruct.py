@@ -91,19 +91,19 @@ def reconstruct(
         echo_json(table)
         return
     for verdict in verdicts:
-        typer.echo(f"{verdict['name']}, of the photograph alone, by phase retrieval: {verdict['said']}")
+        typer.echo(f"{verdict['name']}, feasibility from the frame alone (phase retrieval): {verdict['said']}")
     for note in notes:
         typer.echo(note)
     for name, each in zip(names, found.each, strict=True):
         confidence = (
-            "no confidence, for the reason below" if each.probability is None
+            "no confidence (reason below)" if each.probability is None
             else f"confidence {each.probability:.2f} that r > 0.8 on the object's 28 x 28 pixels"
         )  # fmt: skip
-        turn = "turn by 180 degrees not told" if each.turn is None else f"right way up with probability {each.turn:.2f}"
-        deviance = f"deviance {each.deviance:.3f}, of the true object {each.expected:.3f}"
+        turn = "ambiguous by 180 degrees" if each.turn is None else f"right way up with probability {each.turn:.2f}"
+        deviance = f"deviance {each.deviance:.3f} (the true object would have {each.expected:.3f})"
         typer.echo(f"{name}: {confidence}; {turn}; {deviance}")
         if each.draws is not None:
-            agreed = f"{len(each.draws.weights[0])} draws agree by {float(each.draws.agreement[0]):.2f}"
+            agreed = f"agreement of {len(each.draws.weights[0])} posterior draws {float(each.draws.agreement[0]):.2f}"
             typer.echo(f"  {agreed}: {out / f'{name}-draws.png'}")
         for reason in each.reasons:
             typer.echo(f"  {reason.name}: {reason.numbers}\n    remedy: {reason.remedy}")
@@ -211,12 +211,12 @@ def _write_together(found: "Multiframe", names: list[str], notes: list[str], out
     for note in notes:
         typer.echo(note)
     believed = "" if found.agreement >= _AGREED else (
-        ": too little to be sure of the images. Is it one medium, at rest, and are the objects within its memory "
-        "effect and at most a fifth of the camera wide?"
+        ". This is too low to trust the images. Check that all frames show one medium at rest, and that objects are "
+        "within its memory effect and at most a fifth of the camera wide."
     )  # fmt: skip
     typer.echo(
-        f"{len(names)} objects through one medium, which explains {found.explained:.2f} of the power; "
-        f"searches agree by {found.agreement:.2f}{believed}"
+        f"{len(names)} objects through one medium: explained power {found.explained:.2f}, "
+        f"agreement of searches {found.agreement:.2f}{believed}"
     )
     typer.echo(f"{out / 'report.json'}, {out / 'reconstructions.png'}")
 

@@ -50,8 +50,8 @@ def generate(
         except (KeyboardInterrupt, Terminated) as stopped:
             progress.bar.close()
             typer.echo(
-                f"stopped: {progress.done} of {counted(count, 'sample')} are in {out}, each of them whole; "
-                "run the same command again to go on from there",
+                f"stopped: {progress.done} of {counted(count, 'sample')} are stored in {out}, none of them partly. "
+                "Run the same command again to resume.",
                 err=True,
             )
             raise typer.Exit(exit_status(stopped)) from None
@@ -140,9 +140,9 @@ def verify(
         if repair:
             typer.echo(f"{counted(bad, 'shard')} rendered again")
         elif result.damaged:
-            typer.echo(f"Mend it with `specklegen store verify {folder} --repair RECIPE`.")
+            typer.echo(f"Repair it: specklegen store verify {folder} --repair RECIPE")
         elif result.unfinished:
-            typer.echo("Run the same `specklegen generate` again to go on.")
+            typer.echo("Run the same `specklegen generate` again to resume.")
     if bad and not repair:
         raise typer.Exit(NOT_WHOLE)
 

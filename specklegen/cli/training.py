@@ -73,16 +73,16 @@ def train(
 ) -> None:
     """Train a network to see through fog, on a recipe streamed meanwhile or on a store.
 
-    Checkpoint, log and curves lie in the folder of the run, and are renewed while it goes on. At its beginning and end
-    a table says how the network does on validation images beside methods that learn nothing (summary.md). Of
-    --seconds preparation, table and last validation are a part; where they take long, validation images are fewer.
+    The folder of the run holds checkpoint, log and curves. A table at the beginning and the end compares the network
+    with baselines on validation images (summary.md). --seconds includes setup and validation; the validation set
+    shrinks to fit.
 
     Where a sample takes long to render, draw the training set from the law of images:
     specklegen train characters-of-new-fonts --law --input periodogram --target label --network residual --width 26
     --learning-rate 1e-3 --out runs/label
     """
     begun = time.perf_counter()
-    typer.echo(f"train {what}: a network is made ready and validation images are rendered; then the first table.")
+    typer.echo(f"Training on {what}: rendering validation images, then scoring the untrained network on them.")
     checked_device("--device", device)
     if seconds is not None and not seconds > 0:
         reject("--seconds", "greater than 0", seconds)
@@ -195,15 +195,15 @@ def _of_recipe(
     seed, target = settings.seed, settings.target
     stream = SpeckleStream(shown, seed=seed, batch_size=settings.batch_size, device=device, cache=cache)
     if device != "cpu":
-        first = "; operators are compiled first, a minute or two (--workers 2 renders on the CPU)"
-        typer.echo(f"training images are made on: {device}{first if device.startswith('cuda') else ''}")
+        first = ". The first batch takes a minute or two: operators are compiled (--workers 2 renders on the CPU)."
+        typer.echo(f"Rendering training images on {device}{first if device.startswith('cuda') else ''}")
     data = streamed(stream, settings.input, workers, target)
     before = rendered_before(out, asked)
     held_out = examples(recipe, settings.input, before or asked, seed, "validation", target, None if before else until)
     about: dict[str, Any] = {"validation": {"seed": seed, "split": "validation", "samples": asked}}
     if len(held_out.targets) < asked:
         about["validation"]["rendered"] = len(held_out.targets)
-        typer.echo(f"{len(held_out.targets)} validation images, of {asked}: for want of seconds")
+        typer.echo(f"Validation uses {len(held_out.targets)} of {asked} images, to stay within --seconds.")
     return _Material(data, held_out, recipe, recipe, about)
 
 
@@ -221,7 +221,7 @@ def rendered_before(out: Path, asked: int) -> int | None:
 def _methods(recipe: "Recipe | None", settings: "Training", seconds: float | None) -> "dict[str, Callable]":
     """Methods that learn nothing and stand beside a network in training; where there is no time, none."""
     if seconds is not None and seconds < 60:
-        typer.echo("methods that learn nothing are left out: they take some seconds (--seconds 60 has them)")
+        typer.echo("Baselines (mean image, phase retrieval) are skipped: they need --seconds 60 or more.")
         return {}
     seed = settings.seed
     if settings.target != "object":
@@ -269,20 +269,20 @@ def _fitted(
             model = fit(settings, material.data, material.held_out, out, seconds=seconds, device=device, progress=show,
                         steps=step, about=material.about, begun=begun, reserve=reserve, start=first)  # fmt: skip
         except (KeyboardInterrupt, Terminated) as stopped:
-            typer.echo(f"stopped; the same command goes on from {out / 'checkpoint.pt'}", err=True)
+            typer.echo(f"stopped: run the same command again to resume from {out / 'checkpoint.pt'}", err=True)
             raise typer.Exit(exit_status(stopped)) from None
     if not rows:
-        typer.echo(f"The run in {out} was finished already: nothing was done. Ask for more --epochs to go on.")
+        typer.echo(f"The run in {out} is already finished, so nothing was trained. Raise --epochs to continue it.")
     return model
 
 
 def fed(made: float, trained: float) -> str:
     """Return whether the data kept a network fed, in a sentence: images a second of either."""
     waits = trained / (made + trained)
-    words = f"{made:.3g} images a second came, {trained:.3g} a second were trained on"
+    words = f"Data: {made:.3g} images/s rendered or read, {trained:.3g} images/s trained"
     if waits < 0.2:
-        return f"{words}: the data keeps the network fed"
-    return f"{words}: the network waits {waits:.0%} of the time (--workers, or a store that was rendered before)"
+        return f"{words}. The data are fast enough."
+    return f"{words}. The network waits {waits:.0%} of the time: add --workers, or train from a store."
 
 
 def _conclude(model: "Reconstructor", beside: "Beside", out: Path) -> None:

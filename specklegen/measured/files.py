@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from specklegen.core.arguments import on_host
-from specklegen.core.errors import counted, reject
+from specklegen.core.errors import RuleError, counted, reject
 from specklegen.core.file_limits import MOST_PIXELS
 from specklegen.instrument.frames import KNOWN, SUFFIXES, read_frames
 from specklegen.measured.array_files import read_hdf5, read_matlab
@@ -50,14 +50,23 @@ def read_raw(field: str, source: Source, variable: str | None = None) -> Raw:
     notes: list[str] = []
     files = [file for each in named for file in _files(field, os.fspath(each), notes)]
     frames: list[np.ndarray] = []
+    unreadable: list[RuleError] = []
     for file in files:
-        stack = _read(field, file, variable)
+        try:
+            stack = _read(field, file, variable)
+        except RuleError as error:
+            unreadable.append(error)
+            continue
         if frames and stack.shape[1:] != frames[0].shape[1:]:
             shapes = f"{frames[0].shape[1:]} in {files[0]} and {stack.shape[1:]} in {file}"
             reject(field, "frames of one size", shapes, "Name those that belong together, as folder/light_*.tif.")
         frames.append(stack)
         if sum(each.size for each in frames) > MOST_PIXELS:
             reject(field, f"of at most {MOST_PIXELS} pixels in all", str(file), "Give fewer frames at a time.")
+    if len(unreadable) > 1:
+        raise RuleError("\n".join(map(str, unreadable)))
+    if unreadable:
+        raise unreadable[0]
     return Raw(_in_range(field, np.concatenate(frames)), tuple(map(str, files)), tuple(notes))
 
 
@@ -92,7 +101,7 @@ def _read(field: str, file: Path, variable: str | None) -> np.ndarray:
     except ImportError:
         raise
     except Exception as error:  # each reader has errors of its own kind
-        reject(field, "files of frames that can be read", str(file), f"It cannot: {str(error) or repr(error)}.")
+        reject(field, "files of frames that can be read", str(file), f"Reading it failed: {str(error) or repr(error)}.")
     if frames.ndim != 3 or frames.dtype.kind not in "buif" or not frames.size:
         reject(field, "files of grey frames", str(file), f"It holds {frames.dtype} of the shape {frames.shape}.")
     return frames
@@ -103,7 +112,7 @@ def _in_range(field: str, frames: np.ndarray) -> np.ndarray:
     if frames.dtype.kind == "f":
         largest = float(np.abs(frames, where=np.isfinite(frames), out=np.zeros_like(frames)).max())
         if largest > LARGEST:
-            reject(field, f"of numbers of at most {LARGEST:g}", largest, "Is the file damaged, or of another type?")
+            reject(field, f"of numbers of at most {LARGEST:g}", largest, "Check the type of the file.")
     return frames
 
 

@@ -56,7 +56,7 @@ def test_frames_in_three_formats(setup, tmp_path):
     assert report["fit"] is None  # the setup states its slab
     lines = result.output.splitlines()
     for name, line, told in zip(("one.tiff", "two.png", "three.npy"), lines, report["photographs"], strict=False):
-        assert line.startswith(f"{name}, of the photograph alone, by phase retrieval: ")
+        assert line.startswith(f"{name}, feasibility from the frame alone (phase retrieval): ")
         assert told["name"] == name
     verdict = judge_photograph(read_measurement(setup / "one.tiff", envelope="fit"))
     assert lines[0].endswith(verdict.headline)
@@ -75,7 +75,7 @@ def test_draws_are_written_with_their_weights(setup, tmp_path):
     words = ("--setup", setup / "setup.toml", "--out", tmp_path, "--draws", 2)
     result = run("reconstruct", setup / "two.png", *words)
     assert result.exit_code == 0, result.output
-    assert "2 draws agree by" in result.output
+    assert "agreement of 2 posterior draws" in result.output
     (told,) = json.loads((tmp_path / "report.json").read_text())["images"]
     assert sum(told["draws"]["weights"]) == pytest.approx(1.0, abs=1e-6)
     with np.load(tmp_path / "two-draws.npz") as kept:
@@ -219,7 +219,7 @@ def test_objects_through_one_medium_are_found_together(tmp_path):
         result = run("reconstruct", *files, "--together", "--setup", tmp_path / "setup.toml", "--out", tmp_path / name)
         assert result.exit_code == 0, result.output
         report = json.loads((tmp_path / name / "report.json").read_text())
-        assert ("too little to be sure of the images" in result.output) == (name == "many")
+        assert ("too low to trust the images" in result.output) == (name == "many")
         assert report["names"] == [f"{name}-{n + 1}" for n in range(4)]
         found = np.stack([np.load(tmp_path / name / f"{each}.npy") for each in report["names"]])
         padded = (np.pad(x, [(0, 0), *[(0, 32 - x.shape[-1])] * 2]) for x in (light, found))

@@ -166,7 +166,15 @@ def test_films_of_colours_of_loss_and_in_the_clothes_of_others_are_refused(tmp_p
         assert_refused(lambda name=name: read_measurement(tmp_path / name), told)
     write_ffv1(tmp_path)
     (tmp_path / "list.avi").write_text("ffconcat version 1.0\nfile f.mkv\n")  # FFmpeg by itself would read f.mkv
-    assert_refused(lambda: read_measurement(tmp_path / "list.avi"), "It cannot")
+    assert_refused(lambda: read_measurement(tmp_path / "list.avi"), "Reading it failed")
+
+
+def test_all_unreadable_files_of_a_folder_are_named(tmp_path):
+    for n in range(3):
+        (tmp_path / f"{n}.png").write_bytes(b"no picture")
+    with pytest.raises(RuleError) as error:
+        read_measurement(tmp_path)
+    assert all(f"{n}.png" in str(error.value) for n in range(3))
 
 
 def test_one_of_several_arrays_is_named(tmp_path):

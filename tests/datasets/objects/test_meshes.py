@@ -91,7 +91,7 @@ def test_a_mesh_that_changes_is_noticed(solids):
     family.sources()
     for n, suffix in enumerate(("ply", "stl", "obj", "off")):
         save(box((1, 1, 1 + n)), solids / f"{n}.{suffix}")
-    assert_refused(lambda: family.image(0, "train", 0), "as it was when")
+    assert_refused(lambda: family.image(0, "train", 0), "unchanged since")
 
 
 def test_a_recipe_streams_them(solids):

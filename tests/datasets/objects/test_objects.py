@@ -405,6 +405,14 @@ def test_an_unreadable_picture_is_named(folder, tmp_path, spoil, name):
         Folder(path=str(tmp_path)).image(0, "train", 0)
 
 
+def test_all_unreadable_pictures_are_listed(folder, tmp_path):
+    shutil.copy(folder / "0.png", tmp_path)
+    for n in range(8):
+        (tmp_path / f"bad{n}.png").write_bytes(b"no picture")
+    with pytest.raises(ValueError, match=r"got '.*bad0.png'.*bad1.png.*bad5.png.*and 2 more. Repair or remove these"):
+        Folder(path=str(tmp_path)).image(0, "train", 0)
+
+
 def test_a_picture_that_changes_under_a_data_set_is_found(folder, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(folder, copy)
@@ -413,7 +421,7 @@ def test_a_picture_that_changes_under_a_data_set_is_found(folder, tmp_path):
     for path in copy.glob("*.npy"):
         np.save(path, np.ones((5, 5)))
     changed = next(n for n in range(60) if family.files[family.source(0, "train", n)[0]].endswith(".npy"))
-    assert_refused(lambda: family.image(0, "train", changed), "must be as it was when the folder was first read")
+    assert_refused(lambda: family.image(0, "train", changed), "must be unchanged since the folder was first read")
 
 
 def test_colours_opacity_and_depth_become_grey(tmp_path):

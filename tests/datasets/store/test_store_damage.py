@@ -58,5 +58,5 @@ def test_repair_with_another_recipe_is_refused(tmp_path):
 def test_generate_on_a_damaged_ledger_points_to_verify(tmp_path):
     make(tmp_path / "a.zarr")
     (tmp_path / "a.zarr/valid/c/1").write_bytes(b"torn")
-    with pytest.raises(OSError, match="verify --repair"):
+    with pytest.raises(OSError, match="verify FOLDER --repair"):
         make(tmp_path / "a.zarr")

@@ -261,7 +261,7 @@ def test_the_command_records_the_data_and_says_when_a_run_is_finished(stores, tm
     noted = json.loads((tmp_path / "run.json").read_text())
     assert noted["data"]["split"] == "train"
     assert noted["data"]["recipe"]["material"]["kernel_paths"] == 1000
-    assert "finished already" in run().output
+    assert "already finished" in run().output
     assert "data.seed (0 there, 1 here)" in str(run(data="b").exception)
     assert "validation.split ('validation' there, 'test' here)" in str(run(held_out="d").exception)
     assert "epoch 1:" in run("--epochs", "2").output
