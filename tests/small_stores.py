@@ -1,5 +1,6 @@
 """Small stores of a fake recipe, for the tests of data sets."""
 
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -12,6 +13,14 @@ from specklegen.datasets.loading.cache import SpeckleCache
 from specklegen.datasets.store.generate import generate
 
 TIMEOUT = 120
+
+
+class Forked(multiprocessing.get_context("fork").Process):
+    """A process that imports nothing; it is waited for as one that runs a program."""
+
+    def wait(self, timeout):
+        self.join(timeout)
+        return self.exitcode
 
 
 def make(folder, recipe=None, **options):

@@ -1,8 +1,5 @@
 """Stores written at an address: the same bytes as in a folder, claims by puts, parts that know their own shards."""
 
-import os
-import subprocess
-import sys
 import threading
 import time
 import warnings
@@ -11,8 +8,7 @@ import fuzz_addresses
 import numpy as np
 import pytest
 from fake_recipe import FakeRecipe, assert_same
-from scenes import ROOT
-from small_stores import TIMEOUT, contents, make
+from small_stores import TIMEOUT, Forked, contents, make
 
 from specklegen.cli.commands import app
 from specklegen.core.errors import RuleError
@@ -249,16 +245,6 @@ def test_a_shard_that_fails_leaves_no_claim_and_a_full_ledger_elsewhere(address)
     assert info(address)["done"] == 5
 
 
-PROGRAM = """
-import sys
-sys.path.insert(0, sys.argv[1])
-import own_bucket
-from small_stores import make
-from fake_recipe import FakeRecipe
-print(make(sys.argv[2], FakeRecipe(seconds=0.02), processes=1)["rendered"])
-"""
-
-
 def test_processes_share_out_the_shards_of_an_address_and_a_kill_loses_nothing(tmp_path):
     from own_bucket import Bucket
 
@@ -266,13 +252,15 @@ def test_processes_share_out_the_shards_of_an_address_and_a_kill_loses_nothing(t
         warnings.simplefilter("ignore", UserWarning)  # of a protocol that universal-pathlib has no tests of
         place = upath.UPath(f"bucket://{tmp_path}/a.zarr")
     assert isinstance(place.fs, Bucket)
-    command = [sys.executable, "-c", PROGRAM, ROOT / "tests", str(place)]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    said = [tmp_path / name for name in ("killed", "one", "other")]
 
-    def start():
-        return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+    def start(answer):
+        call = Forked(target=lambda: answer.write_text(str(make(place, slow, processes=1)["rendered"])))
+        call.start()
+        return call
 
-    killed = start()
+    slow = FakeRecipe(seconds=0.02)
+    killed = start(said[0])
     end = time.time() + TIMEOUT
     while not (tmp_path / "a.zarr/valid/record.json").exists() and time.time() < end:
         time.sleep(0.01)
@@ -282,9 +270,8 @@ def test_processes_share_out_the_shards_of_an_address_and_a_kill_loses_nothing(t
     for claim in (tmp_path / "a.zarr/valid/claims").iterdir():
         claim.write_text(f"{time.time() - 2 * locks.OLD}")
     before = info(place)["done"]
-    both = [start(), start()]
-    rendered = [int(each.communicate(timeout=TIMEOUT)[0]) for each in both]
-    assert sum(rendered) == 22 - before
+    assert [call.wait(TIMEOUT) for call in [start(answer) for answer in said[1:]]] == [0, 0]
+    assert sum(int(answer.read_text()) for answer in said[1:]) == 22 - before
     assert verify(place).sound
     make(tmp_path / "b.zarr")
     assert objects(place) == contents(tmp_path / "b.zarr")

@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 from fake_recipe import FakeRecipe, Mortal
 from scenes import ROOT
-from small_stores import TIMEOUT, age, assert_holds, claiming, contents, make
+from small_stores import TIMEOUT, Forked, age, assert_holds, claiming, contents, make
 
 from specklegen.datasets.store import metadata
 from specklegen.datasets.store.filling import GenerationError, fill_shard
+from specklegen.datasets.store.generate import generate
 from specklegen.datasets.store.info import info
 from specklegen.datasets.store.locks import claim
 from specklegen.datasets.store.store import Store
@@ -123,16 +124,27 @@ if __name__ == "__main__":
 """
 
 
+def fill(folder, log, go):
+    """Do what the script does, in one process."""
+    log.with_name(log.name + ".ready").touch()
+    wait_until(go.exists)
+    generate(FakeRecipe(seconds=0.005, log=str(log)), samples=120, shard_samples=5, folder=folder, processes=1)
+
+
 def start(folder, processes, *logs):
-    """Start one call for each log, all at the same moment, on one store."""
+    """Start one call for each log, all at the same moment, on one store; of more processes as a program of its own."""
     script, go = folder.parent / "fill.py", folder.parent / f"go{logs[0].name}"
     script.write_text(SCRIPT)
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    here = ROOT / "tests"
-    calls = [
-        subprocess.Popen([sys.executable, script, here, folder, log, str(processes), go], env=environment)
-        for log in logs
-    ]
+    if processes == 1:
+        calls = [Forked(target=fill, args=(folder, log, go)) for log in logs]
+        for call in calls:
+            call.start()
+    else:
+        calls = [
+            subprocess.Popen([sys.executable, script, ROOT / "tests", folder, log, str(processes), go], env=environment)
+            for log in logs
+        ]
     wait_until(lambda: all(log.with_name(log.name + ".ready").exists() for log in logs))
     go.touch()
     return calls
@@ -175,7 +187,7 @@ def test_two_processes_on_one_store_lose_nothing(tmp_path, uninterrupted):
 def test_kill_9_then_rerun_equals_an_uninterrupted_run(tmp_path, uninterrupted, processes):
     """Two calls fill one store and are killed; a rerun keeps what was finished and sweeps up."""
     folder, logs = tmp_path / "a.zarr", (tmp_path / "one", tmp_path / "two")
-    calls = start(folder, processes, *logs)
+    calls = [*start(folder, processes, logs[0]), *start(folder, 1, logs[1])]
     wait_for_shards(folder, 4)
     for call in calls:
         call.kill()
