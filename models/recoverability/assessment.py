@@ -14,7 +14,7 @@ import torch
 from scipy.special import polygamma
 from torch import Tensor
 
-from specklegen.core.arguments import flag, host_tensor, instance, whole_number
+from specklegen.core.arguments import flag, host_tensor, instance, positive_number, whole_number
 from specklegen.core.display.plot import SHOWN, Pictured, draw_images
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import Seed
@@ -221,8 +221,8 @@ class Findings(Pictured):
 @shielded()
 def reconstruct(
     images: Tensor | Measurement, setup: HiddenObject, *, frames: bool = False,
-    memory_effect: MeasuredCurve | None = None, fit: bool | None = None, solver: Solver | None = None,
-    draws: int | None = None, fast: bool = False, seed: Seed = 0,
+    memory_effect: MeasuredCurve | None = None, grain: float | None = None, fit: bool | None = None,
+    solver: Solver | None = None, draws: int | None = None, fast: bool = False, seed: Seed = 0,
 ) -> Findings:  # fmt: skip
     """Reconstruct objects from camera images, with a confidence for each.
 
@@ -239,6 +239,9 @@ def reconstruct(
     memory_effect
         C_I as it was measured, at distances on the camera in pixels, instead of the setup's own; by default that is
         taken.
+    grain
+        Camera pixels in a grain, as they were measured (:func:`~specklegen.models.calibration.grain_fit.fit_grain`),
+        by default those of the setup.
     fit
         Whether to fit the memory-effect range; by default, where the setup leaves the slab open and there are at least
         four images.
@@ -286,10 +289,12 @@ def reconstruct(
     own = setup_of(setup)
     if memory_effect is not None:
         own = _with_curve(own, instance("reconstruct memory_effect", memory_effect, MeasuredCurve))
+    if grain is not None:
+        own = own._replace(optics=own.optics._replace(grain=positive_number("reconstruct grain", grain)))
     solver = solver or load_solver()
-    grain = torch.full((len(images),), float(own.optics.grain))
+    grains = torch.full((len(images),), float(own.optics.grain))
     disc = "disc" if own.optics.profile == "disc" else None  # whose corners hold noise alone; of others the images tell
-    seen = seen_by_camera(images, grain, camera=setup.exposure or "unknown", profile=disc)
+    seen = seen_by_camera(images, grains, camera=setup.exposure or "unknown", profile=disc)
     memory = [own.memory_effect] * len(images)
     fitted = None
     if fit if fit is not None else not own.known and len(images) >= _FEWEST:

@@ -41,6 +41,9 @@ def reconstruct(
         False, "All images, and all their pages, show objects through one medium at rest.", "--together",
     ),
     memory_effect: Path | None = option(None, "CSV of the measured C_I: distance on the camera in pixels, C_I."),
+    grain: float | None = option(
+        None, "Camera pixels in a grain.", show_default="the setup's; what photographs say where they contradict it"
+    ),
     fit: bool | None = option(
         None, "Fit the memory-effect range (default: of slabs in ranges).", "--fit-range/--no-fit-range",
     ),
@@ -80,10 +83,12 @@ def reconstruct(
     if together:
         _write_together(_deconvolved(stack, recipe, seed), _named(pages), notes, out, as_json)
         return
-    notes.extend(_doubted_grains(stack, _named(pages), recipe))
+    if grain is None:
+        grain, doubts = _found_grain(stack, _named(pages), recipe)
+        notes.extend(doubts)
     curve = None if memory_effect is None else read_curve(memory_effect)
     given = stack[None] if frames else stack[:, None]
-    found = reconstruct(given, recipe, memory_effect=curve, fit=fit, draws=draws, fast=fast, seed=seed)
+    found = reconstruct(given, recipe, memory_effect=curve, grain=grain, fit=fit, draws=draws, fast=fast, seed=seed)
     names = [out.name] if frames else _named(pages)
     table = _table(found, names, notes, verdicts)
     _write(found, names, table, out)
@@ -153,9 +158,16 @@ def _measured(path: Path, read: "Callable[..., Measurement]", notes: list[str]) 
     return found
 
 
-def _doubted_grains(stack: "torch.Tensor", names: list[str], recipe: "HiddenObject") -> list[str]:
-    """What photographs say against the setup's grain: behind a thin medium, and where they have room to say it."""
+def _found_grain(
+    stack: "torch.Tensor", names: list[str], recipe: "HiddenObject"
+) -> tuple[float | None, list[str]]:
+    """Grain that photographs tell, where they contradict the setup's, and what they say; else None and nothing.
+
+    They have to show a thin medium, and to have room enough.
+    """
     import math
+
+    import numpy as np
 
     from specklegen.models.calibration.grain_fit import DOUBTED, LARGEST_EXTENT, SHAPES, SMALLEST_EXTENT, fit_grain
     from specklegen.models.learning.solver import EXTENT
@@ -163,17 +175,21 @@ def _doubted_grains(stack: "torch.Tensor", names: list[str], recipe: "HiddenObje
 
     setup = setup_of(recipe) if hasattr(recipe.material, "screens") else None
     if setup is None or setup.range_sine != float("inf") or setup.optics.profile not in SHAPES:
-        return []
+        return None, []
     grain, extent = float(setup.optics.grain), math.ceil(float(setup.optics.step) * EXTENT)
     short, long = sorted(stack.shape[-2:])
     if not SMALLEST_EXTENT <= extent <= LARGEST_EXTENT or short < 2 * extent or long < 4 * extent:
-        return []
+        return None, []
     found = fit_grain(stack, extent, setup.optics.profile)
-    return [
-        f"{name}: the setup says {grain:.3g} pixels a grain, the photograph itself {found.grain[n]:.2f} "
-        f"({found.low[n]:.2f} to {found.high[n]:.2f}; {against:.0f} nats): the setup's grain is doubted"
+    said = [
+        f"{name}: the setup says {grain:.3g} pixels a grain, the photograph {found.grain[n]:.2f} "
+        f"({found.low[n]:.2f} to {found.high[n]:.2f}; {against:.0f} nats more probable)"
         for n, (name, against) in enumerate(zip(names, found.against(grain), strict=True)) if against > DOUBTED
     ]  # fmt: skip
+    if not said:
+        return None, []
+    own = float(np.median(found.grain))
+    return own, [*said, f"a grain of {own:.2f} pixels is used; --grain {grain:.3g} keeps the setup's"]
 
 
 def _deconvolved(stack: "torch.Tensor", recipe: "HiddenObject", seed: Seed) -> "Multiframe":

@@ -10,11 +10,11 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from specklegen.cli import commands
-from specklegen.cli.reconstruct import _doubted_grains, _named
+from specklegen.cli.reconstruct import _found_grain, _named
 from specklegen.core.errors import RuleError
 from specklegen.datasets import load_recipe
 from specklegen.measured import read_measurement
-from specklegen.models import align, judge_photograph
+from specklegen.models import align, judge_photograph, reconstruct
 from specklegen.models.metrics import pearson
 
 SETUP = """
@@ -182,22 +182,28 @@ shape = [9, 9]
 """
 
 
-def test_a_grain_that_the_photograph_contradicts_is_doubted():
+def test_a_grain_that_the_photograph_contradicts_is_replaced():
     """Frames of 2.2 pixels a grain: of a setup that says so nothing is said, of one that says 3.1 that it is wrong."""
 
     def told(grain):
         pixels = {"grain": grain, "object_pixel": 1.0, "shape": [256, 256]}
         return load_recipe("ground-glass", {"pixels": pixels})
 
-    light = np.stack([told(2.2).sample(0, "test", n)["image"] for n in range(2)])
+    samples = [told(2.2).sample(0, "test", n) for n in range(2)]
+    light = np.stack([sample["image"] for sample in samples])
     noisy = light / light.mean((1, 2), keepdims=True) + np.random.default_rng(0).normal(0, 0.01, light.shape)
     images = torch.from_numpy(noisy)
-    assert _doubted_grains(images, ["a", "b"], told(2.2)) == []
-    doubts = _doubted_grains(images, ["a", "b"], told(3.1))
-    assert [doubt.split(":")[0] for doubt in doubts] == ["a", "b"]
-    assert all("says 3.1 pixels a grain, the photograph itself" in doubt for doubt in doubts)
-    assert _doubted_grains(images[:, :80, :80], ["a", "b"], told(3.1)) == []  # no room to tell
-    assert _doubted_grains(images, ["a", "b"], load_recipe("one-angular-size")) == []  # no thin medium
+    assert _found_grain(images, ["a", "b"], told(2.2)) == (None, [])
+    grain, doubts = _found_grain(images, ["a", "b"], told(3.1))
+    assert 2.0 < grain < 2.4
+    assert [doubt.split(":")[0] for doubt in doubts[:2]] == ["a", "b"]
+    assert all("says 3.1 pixels a grain, the photograph 2." in doubt for doubt in doubts[:2])
+    assert "--grain 3.1 keeps the setup's" in doubts[2]
+    assert _found_grain(images[:, :80, :80], ["a", "b"], told(3.1)) == (None, [])  # no room to tell
+    assert _found_grain(images, ["a", "b"], load_recipe("one-angular-size")) == (None, [])  # no thin medium
+    # The deviance of the second is nearly that of the right setup, 0.224; with the wrong grain it is 0.292.
+    mended = reconstruct(images[1:, None], told(3.1), grain=grain, fast=True).each[0].deviance
+    assert mended == pytest.approx(0.224, abs=0.01)
 
 
 def test_objects_through_one_medium_are_found_together(tmp_path):
