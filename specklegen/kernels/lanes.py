@@ -12,7 +12,7 @@ import numpy as np
 from specklegen.kernels import inlined
 from specklegen.kernels.arithmetic import fma, minus_log
 from specklegen.kernels.frames import deflect
-from specklegen.kernels.lobes import density_of, judged, sample_density
+from specklegen.kernels.lobes import density_of, fisher_density, judged, sample_density, sample_fisher
 from specklegen.kernels.phase_functions import sample_henyey_greenstein
 from specklegen.kernels.rng import uniforms
 from specklegen.kernels.trigonometry import sincos_turns
@@ -77,13 +77,17 @@ def propose(g, least, vx, vy, vz, depth, slope, state, count):
 
 
 @inlined
-def propose_by_table(rows, places, least, vx, vy, vz, depth, slope, state, count):
-    """Propose by a phase function in a table. The lookup is no vector loop, and stands alone."""
+def propose_by_table(g, rows, places, least, vx, vy, vz, depth, slope, state, count):
+    """Propose by a phase function of rows. The lookup is no vector loop, and stands alone."""
     for i in range(count):
         cos = fma(state[WX + i], vx, fma(state[WY + i], vy, state[WZ + i] * vz))
         state[DROP + i] = max(1.0 - cos, 0.0)
-    for i in range(count):
-        state[SHAPE + i] = density_of(rows, places, state[DROP + i])
+    if g > 1.0:
+        for i in range(count):
+            state[SHAPE + i] = fisher_density(g, state[DROP + i])
+    else:
+        for i in range(count):
+            state[SHAPE + i] = density_of(rows, places, state[DROP + i])
     for i in range(count):
         t = fma(slope, state[Z + i], depth)
         power = state[AMOUNT + i] * state[POWER + i] / least * judged(state[SHAPE + i])
@@ -103,7 +107,7 @@ def mark_candidates(g, rows, places, least, probes, state, count):
             if rows.shape[0] == 0:
                 propose(g, least, vx, vy, vz, depth, slope, state, count)
             else:
-                propose_by_table(rows, places, least, vx, vy, vz, depth, slope, state, count)
+                propose_by_table(g, rows, places, least, vx, vy, vz, depth, slope, state, count)
 
 
 @inlined
@@ -112,6 +116,16 @@ def scatter(g, state, count):
     for i in range(count):
         sine, cosine = sincos_turns(state[AZIMUTH + i])
         state[DROP + i] = one_minus_cos = sample_henyey_greenstein(g, state[POLAR + i])
+        x, y, z = deflect(state[WX + i], state[WY + i], state[WZ + i], one_minus_cos, cosine, sine)
+        state[WX + i], state[WY + i], state[WZ + i] = x, y, z
+
+
+@inlined
+def scatter_by_fisher(kappa, state, count):
+    """Turn every lane's direction by a von Mises-Fisher angle."""
+    for i in range(count):
+        sine, cosine = sincos_turns(state[AZIMUTH + i])
+        state[DROP + i] = one_minus_cos = sample_fisher(kappa, state[POLAR + i])
         x, y, z = deflect(state[WX + i], state[WY + i], state[WZ + i], one_minus_cos, cosine, sine)
         state[WX + i], state[WY + i], state[WZ + i] = x, y, z
 

@@ -4,7 +4,8 @@ The density f of v = 1 - cos(theta) is linear between nodes v_j: over each octav
 is found from the bits of v, and a narrow lobe costs no more than a wide one. The same piecewise linear f is drawn from
 and evaluated, each exactly, so that weights fit the draws to rounding. How far f is from the scatterer's own is found
 when the table is made (:func:`specklegen.paths.phase_tables.walk_lobes`). A table of no rows stands for Henyey and
-Greenstein's phase function, which has a closed form.
+Greenstein's phase function, which has a closed form. So has that of von Mises and Fisher, f = kappa e^(-kappa v) / (1 -
+e^(-2 kappa)): ordinary scattering draws from it and judges by it; its table is for steered scattering alone.
 """
 
 import math
@@ -13,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.kernels import inlined
+from specklegen.kernels.arithmetic import exponential, minus_log
 from specklegen.kernels.phase_functions import henyey_greenstein
 
 _TAU = 2.0 * math.pi
@@ -28,7 +30,8 @@ class Lobe(NamedTuple):
     Attributes
     ----------
     g : float
-        Anisotropy of Henyey and Greenstein's phase function, where there are no rows.
+        Anisotropy of Henyey and Greenstein's phase function, where there are no rows. Beside rows a number above 1 is
+        the concentration kappa of a von Mises-Fisher phase function.
     rows : float64[n, 4]
         NODE: v from 0 to 2, from the second one on with evenly spaced bits; DENSITY: f there, per v; SLOPE: df/dv up to
         the next node; BELOW: share of the light below.
@@ -65,8 +68,20 @@ def sample_density(rows, guide, u):
 
 
 @inlined
+def fisher_density(kappa, v):
+    """Density of von Mises and Fisher's phase function at v in [0, 2], of arithmetic that vectorises."""
+    return kappa / (1.0 - exponential(-2.0 * kappa)) * exponential(-kappa * v)
+
+
+@inlined
+def sample_fisher(kappa, u):
+    """Draw v from u in (0, 1): 1 - F(v) = (e^(-kappa v) - e^(-2 kappa)) / (1 - e^(-2 kappa))."""
+    return min(minus_log(u + (1.0 - u) * exponential(-2.0 * kappa)) / kappa, 2.0)
+
+
+@inlined
 def phase_function(g, rows, places, cos):
-    """Phase function per steradian at the cosine of the scattering angle."""
+    """Phase function per steradian at the cosine of the scattering angle, where there are rows that of the table."""
     if rows.shape[0] == 0:
         return henyey_greenstein(g, cos)
     return density_of(rows, places, max(1.0 - cos, 0.0)) / _TAU
@@ -77,6 +92,8 @@ def judged_phase_function(g, rows, places, cos):
     """Phase function that is never next to nothing, for Russian roulette."""
     if rows.shape[0] == 0:
         return henyey_greenstein(g, cos)
+    if g > 1.0:
+        return judged(fisher_density(g, max(1.0 - cos, 0.0)))
     return judged(density_of(rows, places, max(1.0 - cos, 0.0)))
 
 

@@ -67,10 +67,11 @@ from specklegen.kernels.lanes import (
     draw,
     hand_on,
     scatter,
+    scatter_by_fisher,
     scatter_by_table,
     sort_by_path,
 )
-from specklegen.kernels.lobes import density_of, judged, judged_phase_function, sample_density
+from specklegen.kernels.lobes import density_of, fisher_density, judged, judged_phase_function, sample_density
 from specklegen.kernels.phase_functions import amplitude, sample_henyey_greenstein
 from specklegen.kernels.phase_table import choose_type, power, sample
 from specklegen.kernels.rng import uniforms
@@ -232,6 +233,9 @@ def propose(bounds, sigma, g, rows, places, least, kinds, points, given, state, 
             for i in range(count):
                 s = amplitude(g, 1.0 - state[DROP + i])
                 state[SHAPE + i] = s * s
+        elif g > 1.0:
+            for i in range(count):
+                state[SHAPE + i] = judged(fisher_density(g, state[DROP + i]))
         else:
             for i in range(count):
                 state[SHAPE + i] = judged(density_of(rows, places, state[DROP + i]))
@@ -493,6 +497,8 @@ def trace_volume(where, share, volume, table, by_lobe, lobe, sources, probes, ru
                 )
         elif rows.shape[0] == 0:
             scatter(g, state, fresh)
+        elif g > 1.0:
+            scatter_by_fisher(g, state, fresh)
         else:
             scatter_by_table(rows, guide, state, fresh)
         if transfers:

@@ -59,6 +59,7 @@ from specklegen.kernels.lanes import (
     hand_on,
     mark_candidates,
     scatter,
+    scatter_by_fisher,
     scatter_by_table,
     sort_by_path,
 )
@@ -310,6 +311,8 @@ def trace_slab(where, share, slab, lobe, aim, stretch, faces, light, probes, rul
             )  # fmt: skip
         elif rows.shape[0] == 0:
             scatter(g, state, flying)
+        elif g > 1.0:
+            scatter_by_fisher(g, state, flying)
         else:
             scatter_by_table(rows, guide, state, flying)
         if transfers:

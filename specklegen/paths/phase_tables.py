@@ -86,7 +86,9 @@ def walk_lobes(scatterer: Scatterer) -> tuple[Lobe, Lobe]:
         base = (1 - g) ** 2 + 2 * g * v
         return (1 - _SPREAD) * density(v) + _SPREAD * 0.5 * (1 - g * g) / base**1.5
 
-    return _tabulated(density), _tabulated(broader)
+    row = components[0][0].row(3)
+    kappa = row.parameters[0] if len(components) == 1 and row.kind == "fisher" else 0.0
+    return _tabulated(density)._replace(g=kappa if kappa > 1 else 0.0), _tabulated(broader)
 
 
 def common_lobe(materials: tuple[Scatterer, ...], dimension: int) -> Lobe | None:
