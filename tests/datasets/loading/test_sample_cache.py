@@ -4,16 +4,14 @@ import errno
 import itertools
 import os
 import pickle
-import subprocess
-import sys
 import warnings
 
 import numpy as np
 import pytest
+import torch
 from fake_recipe import FakeRecipe, assert_same
 from quick_recipes import quick_recipe
-from scenes import ROOT
-from small_stores import TIMEOUT, contents, make
+from small_stores import TIMEOUT, Forked, contents, make
 
 from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.datasets import SpeckleCache, SpeckleStream
@@ -108,27 +106,25 @@ def test_workers_and_a_resumed_loader_share_it(tmp_path):
     assert verify(tmp_path / "a.zarr").sound
 
 
-PROGRAM = """
-import sys
-sys.path.insert(0, sys.argv[1])
-from fake_recipe import FakeRecipe
-from specklegen.datasets import SpeckleStream
-stream = SpeckleStream(FakeRecipe(samples=50, seconds=0.001), cache=sys.argv[2], batch_size=int(sys.argv[3]))
-for epoch in (0, 1):
-    stream.set_epoch(epoch)
-    [*stream]
-"""
+def trained(folder, size):
+    """Two epochs, in which nothing is warned of."""
+    warnings.simplefilter("error")
+    torch.set_num_threads(1)
+    stream = SpeckleStream(FakeRecipe(samples=50, seconds=0.001), cache=folder, batch_size=size)
+    for epoch in (0, 1):
+        stream.set_epoch(epoch)
+        assert len([*stream]) > 0
 
 
 def test_trainings_at_once_and_one_that_is_killed_lose_nothing(tmp_path):
-    command = [sys.executable, "-c", PROGRAM, ROOT / "tests", tmp_path / "a.zarr"]
-    started = [subprocess.Popen([*command, size], stderr=subprocess.PIPE) for size in ("8", "5", "7")]
-    while not (tmp_path / "a.zarr/valid/c/1").exists() and started[2].poll() is None:
+    started = [Forked(target=trained, args=(tmp_path / "a.zarr", size)) for size in (8, 5, 7)]
+    for each in started:
+        each.start()
+    while not (tmp_path / "a.zarr/valid/c/1").exists() and started[2].is_alive():
         pass
     started[2].kill()
-    for each in started[:2]:
-        assert (each.communicate(timeout=TIMEOUT)[1], each.returncode) == (b"", 0)
-    started[2].wait()
+    assert [each.wait(TIMEOUT) for each in started[:2]] == [0, 0]
+    started[2].wait(TIMEOUT)
     assert verify(tmp_path / "a.zarr").sound
     stream = SpeckleStream(logged(tmp_path), cache=tmp_path / "a.zarr", batch_size=8)
     assert_batches(stream, SpeckleStream(FakeRecipe(samples=50), batch_size=8), epochs=2)
