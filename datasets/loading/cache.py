@@ -18,6 +18,7 @@ from specklegen.datasets.loading.shard_order import ORDER, ShardOrder
 from specklegen.datasets.loading.stream import tensors
 from specklegen.datasets.sample_schema import Renderable, named_file, require_finite
 from specklegen.datasets.store.creation import require_same
+from specklegen.datasets.store.files import reaching
 from specklegen.datasets.store.identity import identity
 from specklegen.datasets.store.places import place_of
 from specklegen.datasets.store.reading import SampleReader
@@ -182,7 +183,8 @@ class SpeckleCache(Dataset, Pictured):
         return rendered | named_file(self.file_names, sample["parameters"])  # the names of those that were stored
 
     def _read(self, index: int) -> dict[str, Any]:
-        stored = self._reader.read(index)
+        with reaching(self.folder):
+            stored = self._reader.read(index)
         sample: dict[str, Any] = {key: np.array(array, self._types[key]) for key, array in stored.arrays.items()}
         sample["index"] = index
         sample["parameters"] = dict(zip(self._store.parameter_names, stored.parameters.tolist(), strict=True))

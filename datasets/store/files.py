@@ -27,6 +27,11 @@ def no_room(error: BaseException | None) -> bool:
     return False
 
 
+def passing(error: BaseException) -> bool:
+    """Return whether a further try may succeed: errors of file systems, and of the network as botocore names them."""
+    return isinstance(error, OSError) or any(word in type(error).__name__ for word in ("Connect", "Timeout"))
+
+
 @contextlib.contextmanager
 def reaching(folder: Path) -> Iterator[None]:
     """Turn the error of a file system, or of the library of an address, that gives no answer into one of the folder.

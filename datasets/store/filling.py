@@ -11,7 +11,8 @@ import numpy as np
 from specklegen.core.errors import ToldError, reject
 from specklegen.core.parallel import one_torch_thread
 from specklegen.datasets.sample_schema import Renderable, require_finite
-from specklegen.datasets.store.files import no_room
+from specklegen.datasets.store.files import no_room, passing
+from specklegen.datasets.store.places import is_remote
 from specklegen.datasets.store.reading import SampleReader
 from specklegen.datasets.store.shards import DamagedShard
 from specklegen.datasets.store.store import Store
@@ -47,18 +48,29 @@ class Outcome:
 def fill_shard(store: Store, recipe: Renderable, shard: int, wait: bool = False) -> Outcome:
     """Render and write one shard, unless it is there or another process is at it (``wait``: wait for it)."""
     start = time.perf_counter()
-    with store.claimed(shard, wait) as claimed:
-        if claimed == "busy":
-            return Outcome(shard, "busy")
-        if store.is_complete(shard):
-            return Outcome(shard, "present", checksum=store.recorded_digest(shard).hex())
-        try:
-            checksum = store.write_shard(shard, _render(store, recipe, store.span(shard)))
-        except Exception as error:  # a bad sample must not stop the others; it is reported with its address
-            message = f"shard {shard}: {type(error).__name__}: {error}"
-            transient = (isinstance(error, OSError) or isinstance(error.__cause__, OSError)) and not no_room(error)
-            return Outcome(shard, "failed", message=message, transient=transient, final=no_room(error))
+    try:
+        with store.claimed(shard, wait) as claimed:
+            if claimed == "busy":
+                return Outcome(shard, "busy")
+            if store.is_complete(shard):
+                return Outcome(shard, "present", checksum=store.recorded_digest(shard).hex())
+            try:
+                checksum = store.write_shard(shard, _render(store, recipe, store.span(shard)))
+            except Exception as error:  # a bad sample must not stop the others; it is reported with its address
+                return _failed(shard, error)
+    except ToldError:
+        raise
+    except Exception as error:  # an address that gives no answer to a claim
+        if not is_remote(store.folder):
+            raise
+        return _failed(shard, error)
     return Outcome(shard, "written", time.perf_counter() - start, checksum.hex())
+
+
+def _failed(shard: int, error: Exception) -> Outcome:
+    message = f"shard {shard}: {type(error).__name__}: {error}"
+    passes = (passing(error) or isinstance(error.__cause__, OSError)) and not no_room(error)
+    return Outcome(shard, "failed", message=message, transient=passes, final=no_room(error))
 
 
 def _render(store: Store, recipe: Renderable, span: range) -> dict[str, np.ndarray]:

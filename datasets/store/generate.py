@@ -23,7 +23,7 @@ from specklegen.core.whole_files import sweep
 from specklegen.datasets.sample_schema import Renderable
 from specklegen.datasets.store.card import write_card
 from specklegen.datasets.store.creation import grown, open_for
-from specklegen.datasets.store.files import writing
+from specklegen.datasets.store.files import reaching, writing
 from specklegen.datasets.store.filling import GenerationError, Outcome, fill_shard
 from specklegen.datasets.store.info import info
 from specklegen.datasets.store.places import is_remote, place_of
@@ -114,14 +114,15 @@ def generate(
     there = place_of(folder)
     if not is_remote(there):
         there = there.resolve()  # links are followed once: they may be moved while this runs
-    share = open_for(recipe, seed, split, dtype, there, samples, shard_samples, notes, (part, parts))
-    store, shards, missing = share.store, share.shards, share.missing
-    if parts == 1:  # which looks through all of the store
-        sweep(store.temporaries())
-    with writing(store.folder):
-        write_card(store)
+    with reaching(there):
+        share = open_for(recipe, seed, split, dtype, there, samples, shard_samples, notes, (part, parts))
+        store, shards, missing = share.store, share.shards, share.missing
+        if parts == 1:  # which looks through all of the store
+            sweep(store.temporaries())
+        with writing(store.folder):
+            write_card(store)
+        missing = sorted([*missing, *unlisted(store, [shard for shard in shards if shard not in set(missing)])])
     total = sum(len(store.span(shard)) for shard in shards)
-    missing = sorted([*missing, *unlisted(store, [shard for shard in shards if shard not in set(missing)])])
     done = total - sum(len(store.span(shard)) for shard in missing)
     report = progress or (lambda done, total: None)
     report(done, total)
@@ -152,9 +153,10 @@ def generate(
         raise GenerationError(
             f"{len(failures)} of {counted(len(shards), 'shard')} failed; the others are stored.\n{shown}"
         )
-    if is_remote(store.folder) and Store(store.folder).samples < samples:
-        grown(store, samples)
-    return info(store.folder, shards if parts > 1 else None) | {"rendered": rendered}
+    with reaching(store.folder):
+        if is_remote(store.folder) and Store(store.folder).samples < samples:
+            grown(store, samples)
+        return info(store.folder, shards if parts > 1 else None) | {"rendered": rendered}
 
 
 def unlisted(store: Store, shards: Sequence[int]) -> list[int]:

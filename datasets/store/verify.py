@@ -5,12 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from specklegen.core.errors import ToldError
 from specklegen.core.whole_files import dead, sweep
 from specklegen.datasets.sample_schema import Renderable
 from specklegen.datasets.store.creation import mend_metadata, require_same
+from specklegen.datasets.store.files import reaching
 from specklegen.datasets.store.filling import GenerationError, fill_shard
 from specklegen.datasets.store.identity import identity
-from specklegen.datasets.store.places import place_of
+from specklegen.datasets.store.places import is_remote, place_of
 from specklegen.datasets.store.reading import SampleReader
 from specklegen.datasets.store.shards import UnlistedSample
 from specklegen.datasets.store.store import Store
@@ -65,7 +67,8 @@ def verify(folder: str | os.PathLike, repair: Renderable | None = None) -> Verif
         require_same(store, identity(repair, stated["seed"], stated["split"], stated["dtype"]))
     damaged, unfinished = [], []
     for shard in range(store.shard_count):
-        state = _state(store, shard)
+        with reaching(store.folder):
+            state = _state(store, shard)
         if state == "damaged":
             damaged.append(shard)
         elif state == "unfinished":
@@ -96,6 +99,8 @@ def _state(store: Store, shard: int) -> str:
             reader.read(store.span(shard)[row])
     except UnlistedSample:  # taken off the ledger meanwhile, by a call that does it anew
         return "unfinished"
-    except (OSError, LookupError):  # a byte flipped in the ledger or in the checksums themselves; a file that is gone
+    except (OSError, LookupError) as error:  # a byte flipped in the ledger, or in the checksums; a file that is gone
+        if is_remote(store.folder) and not isinstance(error, ToldError | FileNotFoundError | LookupError):
+            raise  # an address that gives no answer: nothing is known of its shards
         return "damaged"
     return "sound" if valid.all() else "unfinished"

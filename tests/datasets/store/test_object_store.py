@@ -15,7 +15,7 @@ from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleCache
 from specklegen.datasets.store import creation, locks, places
 from specklegen.datasets.store.creation import open_for
-from specklegen.datasets.store.filling import fill_shard
+from specklegen.datasets.store.filling import GenerationError, fill_shard
 from specklegen.datasets.store.info import info
 from specklegen.datasets.store.store import Store
 from specklegen.datasets.store.verify import verify
@@ -187,6 +187,68 @@ def test_a_place_that_gives_no_answer_says_why(address, monkeypatch, error, word
         with pytest.raises(RuleError, match=words) as told:
             act(address)
         assert "damaged" not in str(told.value)
+
+
+class Once:
+    """An operation that fails once, after so many calls."""
+
+    def __init__(self, act, error, after):
+        self.act, self.error, self.after = act, error, after
+
+    def __call__(self, *arguments, **options):
+        self.after -= 1
+        if self.after == -1:
+            raise self.error("Could not connect")
+        return self.act(*arguments, **options)
+
+
+def read_all(place):
+    return [SpeckleCache(place).numpy(n) for n in range(22)]
+
+
+LOST = type("EndpointConnectionError", (Exception,), {})
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "places"),
+    [("pipe_file", LOST, (4, 14)), ("cat_file", LOST, (5, 40, 68)), ("cat_file", ConnectionRefusedError, (9, 40)),
+     ("find", LOST, (0,)), ("rm_file", LOST, (2,))],
+)  # fmt: skip
+def test_a_network_that_fails_once_in_the_middle_is_told_and_nothing_is_lost(address, monkeypatch, name, error, places):
+    system, told = type(address.fs), []
+
+    def fails(act, after):
+        once = Once(getattr(system, name), error, after)
+        with monkeypatch.context() as patch:
+            patch.setattr(system, name, lambda *words, **options: once(*words, **options))
+            try:
+                act(address)
+            except (RuleError, GenerationError) as refusal:
+                told.append(str(refusal))
+
+    for after in places:
+        fails(make, after)
+        make(address)
+        fails(verify, after)
+        fails(read_all, after)
+        assert verify(address).sound
+        address.fs.rm(address.path, recursive=True)
+    assert told
+    assert not any("damaged" in words for words in told)
+
+
+def test_verify_calls_no_shard_damaged_that_it_cannot_reach(address, monkeypatch):
+    make(address)
+    read = type(address.fs).cat_file
+
+    def late(self, path, **options):
+        if "/image/c/" in path:
+            raise TimeoutError(110, "timed out")
+        return read(self, path, **options)
+
+    monkeypatch.setattr(type(address.fs), "cat_file", late)
+    with pytest.raises(RuleError, match="answers in time"):
+        verify(address)
 
 
 def test_a_claim_of_a_dead_machine_whose_clock_was_ahead_ends_and_is_told(address, quick, monkeypatch, caplog):
