@@ -75,7 +75,7 @@ def fisher_density(kappa, v):
 
 @inlined
 def sample_fisher(kappa, u):
-    """Draw v from u in (0, 1): 1 - F(v) = (e^(-kappa v) - e^(-2 kappa)) / (1 - e^(-2 kappa))."""
+    """Draw v from u in (0, 1): ``1 - F(v) = (e^(-kappa v) - e^(-2 kappa)) / (1 - e^(-2 kappa))``."""
     return min(minus_log(u + (1.0 - u) * exponential(-2.0 * kappa)) / kappa, 2.0)
 
 
