@@ -4,7 +4,7 @@ Sample n of a split is a pure function of (seed, split, n). Every purpose that d
 a substream of its own, so that switching one noise on leaves all the other draws as they were; and the
 split is part of every substream, so that the media of two splits never coincide.
 
-Sources that can be listed (characters, photographs, files) are dealt to the splits by the order of
+Sources that can be listed (characters, pictures, files) are dealt to the splits by the order of
 their hashes; sources that cannot (random patterns) are assigned one by one from their hash. Either
 way a source belongs to exactly one split, before any sample is drawn.
 """

@@ -35,7 +35,7 @@ _NO_PROSE = re.compile(
     r"```.*?```|~~~.*?~~~|^:::\{toctree\}.*?^:::$|^:{3,}.*?$|^ *\|.*?$|\$\$.*?\$\$|<!--.*?-->|^---\n.*?\n---$",
     re.S | re.M,
 )
-_MARKS = re.compile(r"``.*?``|`[^`]*`|\$[^$]*\$|!?\[([^\]]*)\]\([^)]*\)|\{[\w:-]+\}")
+_MARKS = re.compile(r"``.*?``|`[^`]*`|\bdocs/\w+\.md|\$[^$]*\$|!?\[([^\]]*)\]\([^)]*\)|\{[\w:-]+\}")
 _FIGURE = re.compile(r"(?<![\w.])[\d.]*\d[\d.]*(?:e-?\d+)?")
 _MESSAGES = ("reject", "_refuse", "warn", "RuleError", "ValueError", "OSError", "Failed")
 
@@ -77,11 +77,12 @@ def code_faults(file: Path) -> Iterator[tuple[str, str]]:
         elif isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) in _MESSAGES:
             formats = {leaf for part in ast.walk(node) if isinstance(part, ast.FormattedValue) and part.format_spec
                        for leaf in ast.walk(part.format_spec)}  # fmt: skip
+            formats |= set(ast.walk(node.args[0])) if len(node.args) > 1 else set()  # fields as users type them
             texts = (part.value for part in ast.walk(node) if isinstance(part, ast.Constant) and part not in formats)
             for text in texts:
                 if isinstance(text, str):
-                    rules = ("private word", "figure without zero")
-                    yield from (("message: " + rule, text) for rule in rules for _ in _RULES[rule].finditer(text))
+                    rules, prose = ("private word", "figure without zero"), _MARKS.sub("code", text)
+                    yield from (("message: " + rule, text) for rule in rules for _ in _RULES[rule].finditer(prose))
 
 
 def all_faults() -> Iterator[tuple[str, Path, str, str]]:

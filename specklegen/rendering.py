@@ -42,7 +42,7 @@ class Report:
         As in :class:`specklegen.results.Plan`.
     paths : int
         Paths traced a realization (or once for a medium, for the stationary sampler's correlation; 0 where it is from
-        the atlas).
+        the lookup table).
     connections : int
         Connections kept, over all realizations.
     unfinished : int

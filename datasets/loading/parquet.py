@@ -5,7 +5,7 @@
     <out>/README.md              the card; its front matter says where the splits are
     <out>/croissant.json         Croissant 1.0 (MLCommons): files with their SHA-256, and every field
 
-Licence and date of publication are for whoever publishes to add. Several splits go into one folder, one call each.
+Licence and date of publication are for the publisher to add. Several splits go into one folder, one call each.
 Written by pyarrow (extra ``parquet``); the features, as the ``datasets`` library calls them, stand in the schema, so
 that ``load_dataset`` gives arrays of the right shape and type.
 """

@@ -130,7 +130,7 @@ class SampleCache:
         return batch
 
     def _write(self, rendered: dict[str, Any]) -> None:
-        """Write what was rendered; whatever goes wrong is told once, and nothing more is written."""
+        """Write what was rendered; whatever goes wrong is reported once, and nothing more is written."""
         try:
             last = int(max(rendered["index"]))
             if last >= self._store.samples:

@@ -1,7 +1,7 @@
 """Hidden objects: what stands behind the scattering layer, float32[h, w] with brightness 0 to 1.
 
 A family is a frozen value; ``family.image(seed, split, index)`` is a pure function, and the sources of
-the three splits (characters, photographs, files, patterns) are disjoint by construction.
+the three splits (characters, pictures, files, patterns) are disjoint by construction.
 """
 
 from specklegen.datasets.objects.digits import Digits

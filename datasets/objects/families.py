@@ -80,7 +80,7 @@ class Families(ObjectFamily):
 
     @cached_property
     def _others(self) -> dict[str, float]:
-        """What is told of a source whose family does not tell it."""
+        """Default label and centroid of a source whose family has none."""
         return dict.fromkeys((name for family in self.families for name in family.label_names), -1.0)
 
     def labels(self, source: Source) -> dict[str, float]:

@@ -122,7 +122,7 @@ class ObjectFamily(Registered):
         """Draw one source at a random size and place: float[h, w], at least 0."""
 
     def labels(self, source: Source) -> dict[str, float]:  # noqa: ARG002
-        """What is told of a source with every sample, by ``label_names``: "label", -1 where it has none."""
+        """Labels of a source, stored with every sample, by ``label_names``: "label", -1 where it has none."""
         return {"label": -1.0}
 
     @property

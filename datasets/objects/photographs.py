@@ -1,7 +1,7 @@
-"""Photographs: crops of pictures that scikit-image carries inside its wheel; nothing is downloaded.
+"""Pictures: crops of pictures that scikit-image carries inside its wheel; nothing is downloaded.
 
 scikit-image fetches its newer pictures over the network and carries only the older ones. The list
-below names photographs among the files that its wheel holds, and they are read from the
+below names pictures among the files that its wheel holds, and they are read from the
 installed package by name, never through the functions that may download. Left out are drawings and
 test charts, and the second view of the stereo pair, which shows the scene of the first.
 """
@@ -47,14 +47,14 @@ _FINE = 4  # pixels of a crop in one of its silhouette, either way
 
 
 class Photographs(ListedFamily):
-    """A random crop of one photograph, turned by quarters and mirrored at random; splits share no photograph.
+    """A random crop of one picture, turned by quarters and mirrored at random; splits share no picture.
 
     Parameters
     ----------
     shape
         (rows, columns) of an object.
     size
-        (smallest, largest) crop, as a fraction of the largest that fits into the photograph.
+        (smallest, largest) crop, as a fraction of the largest that fits into the picture.
     """
 
     type: Literal["Photographs"] = "Photographs"
@@ -67,15 +67,15 @@ class Photographs(ListedFamily):
         return self
 
     def sources(self) -> tuple[Source, ...]:
-        """(file name,) of each photograph."""
+        """(file name,) of each picture."""
         return tuple((name,) for name in PHOTOGRAPHS)
 
     def picture(self, source: Source, rng: np.random.Generator) -> np.ndarray:
-        """Random crop of a photograph; float32[h, w]."""
+        """Random crop of a picture; float32[h, w]."""
         return self.crop(source, rng, 1)
 
     def labels(self, source: Source) -> dict[str, float]:
-        """Label: the number of the photograph in `PHOTOGRAPHS`."""
+        """Label: the number of the picture in `PHOTOGRAPHS`."""
         return {"label": float(PHOTOGRAPHS.index(str(source[0])))}
 
     def crop(self, source: Source, rng: np.random.Generator, fine: int) -> np.ndarray:
@@ -100,7 +100,7 @@ class Silhouettes(Photographs):
     Parameters
     ----------
     shape, size
-        As of :class:`Photographs`; splits share no photograph.
+        As of :class:`Photographs`; splits share no picture.
     """
 
     type: Literal["Silhouettes"] = "Silhouettes"  # type: ignore[assignment]

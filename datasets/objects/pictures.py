@@ -22,7 +22,7 @@ _LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)
 def read_grey(path: Path) -> np.ndarray:
     """Read a picture: float32[h, w], at least 0, somewhere greater than 0.
 
-    Colours become luminance; a transparent pixel counts as dark in proportion; a photograph is turned upright as its
+    Colours become luminance; a transparent pixel counts as dark in proportion; a picture is turned upright as its
     camera noted. Raise a `ValueError` if the file is no single picture of finite values that are at least 0 and not all
     0, or is too large, and an `OSError` if the file cannot be read.
     """

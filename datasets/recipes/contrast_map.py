@@ -278,7 +278,7 @@ class ContrastMap(Recipe):
         return torch.stack([part.mean(1) for part in images.split(self.instants, 1)], 1)
 
     def lit(self, drawn: Addresses, numbers: Sequence[int]) -> Lit:
-        """A beam of brightness 1, and the contrast that is to be told."""
+        """A beam of brightness 1, and the contrast to predict."""
         maps = [
             surface_medium(self, drawn.seed, drawn.split, self.medium_number(n)).contrast for n in numbers
         ]  # fmt: skip

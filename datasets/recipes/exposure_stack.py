@@ -170,7 +170,7 @@ class ExposureStack(Recipe):
         return Lit(torch.ones((len(numbers), 1, 1), device=drawn.device), None, {}, {})
 
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
-        """Stacks, and what is to be told from them."""
+        """Stacks, and the numbers to predict."""
         target = torch.stack([torch.log10(parameters["tau0"]), parameters["static_share"]], -1)
         return {"stack": images, "target": target.to(torch.float32)}
 

@@ -7,7 +7,7 @@
 
 Samples are rendered in groups of equal rank, in chunks of one shape: the companions of a sample do not matter. On the
 CPU a chunk is a sample, where a transform of several has other last bits than that of one. Of a device the host asks
-which slabs the atlas has, whether the first polynomials are enough, and the ranks.
+which slabs the lookup table has, whether the first polynomials are enough, and the ranks.
 """
 
 import math

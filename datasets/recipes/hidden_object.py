@@ -190,7 +190,7 @@ class HiddenObject(Recipe):
         return self.seen_through(self.wavelength * grains / (pitch * max(self.objects.shape)))
 
     def polarisation_shares(self, parameters: Mapping[str, Any]) -> "torch.Tensor | None":
-        """Shares float64[M, 2] of the light of media in either polarisation, of a bench that depolarises."""
+        """Shares float64[M, 2] of the light of media in either polarisation, of a setup that depolarises."""
         if self.bench is None or not self.bench.polarises:
             return None
         degree = parameters["bench_polarisation"]
@@ -205,7 +205,7 @@ class HiddenObject(Recipe):
 
     @property
     def path_sum_obstacle(self) -> str | None:
-        """Light that a bench depolarises."""
+        """Light that a setup depolarises."""
         depolarised = self.bench is not None and self.bench.polarises
         return super().path_sum_obstacle or ("a bench that depolarises light" if depolarised else None)
 
@@ -300,7 +300,7 @@ class HiddenObject(Recipe):
         return self.moved_media(drawn, numbers, media)
 
     def lit(self, drawn: "Addresses", numbers: Sequence[int]) -> Lit:
-        """Objects, what is told of them, and where they lie."""
+        """Objects, their labels, and their positions."""
         light = self.objects.images(drawn, numbers)
         settings = {} if self.bench is None else self.bench.of_samples(drawn, numbers)
         if self.bench is not None:

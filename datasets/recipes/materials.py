@@ -1,7 +1,7 @@
 """The materials of a batch of media: drawn numbers, their consequences, and the memory effect.
 
-Here the ways part: slabs that the atlas has are looked up on the device, all together; every other material is known on
-the host, one by one, and tells its memory effect from there.
+Here the ways part: slabs that the lookup table has are looked up on the device, all together; every other material is
+known on the host, one by one, and tells its memory effect from there.
 """
 
 from collections.abc import Callable, Sequence
@@ -105,7 +105,7 @@ def drawn_materials(
 
 
 def in_atlas(material: Material) -> bool:
-    """Whether slabs are looked up in the atlas, all together; a class of one's own says itself what its slabs are."""
+    """True if slabs are looked up all together; a class of one's own says itself what its slabs are."""
     if type(material) is not Material or material.kernel != "atlas":
         return False
     return material.scatterer is None and material.faces.matched
@@ -138,7 +138,7 @@ def _same(slab: Slab | ScreenStack) -> Slab | ScreenStack:
 def _looked_up(
     material: Material, drawn: Addresses, media: Sequence[int], wavelength: float
 ) -> tuple[Materials, torch.Tensor]:
-    """Slabs by the atlas, and whether each is there, bool[M]."""
+    """Slabs by the lookup table, and whether each is there, bool[M]."""
     sources = [material.source(name, drawn.split) for name in _NUMBERS]
     thickness, depth, g, albedo = drawn.numbers(Purpose.MATERIAL, sources, media)
     mean_free_path = thickness / depth

@@ -113,7 +113,7 @@ class Recipe(RecipeMedia):
         Camera and its noises; where given, images are counts, and pixels average over their area. None: exact
         intensities.
     bench
-        What differs from bench to bench and nobody is told, in recipes with hidden objects: domain randomisation. None
+        What differs from setup to setup and nobody is told, in recipes with hidden objects: domain randomisation. None
         by default.
     sampler
         "auto" renders with the sampler that the planner chooses: the stationary one where its error over all the

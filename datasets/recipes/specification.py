@@ -168,7 +168,7 @@ class Specification(Registered, Pictured):
         return self
 
     def _check_bench(self, bench: Bench) -> None:
-        """Refuse a bench that is not modelled, or whose cameras make counts of another kind."""
+        """Refuse a setup that is not modelled, or whose cameras make counts of another kind."""
         if not self.on_benches:
             reject("Recipe.bench", "left out of recipes of this kind", self.kind,
                    "It is known to recipes with hidden objects behind slabs and screens, in scalar light.")  # fmt: skip
@@ -210,7 +210,7 @@ class Specification(Registered, Pictured):
         self.__dict__["lab"] = lab.replace(refractive_index=index)
 
     def _look_up(self) -> None:
-        """Drawn slabs are of the atlas where nothing is said: paths for each take several times what a sample does."""
+        """Drawn slabs are looked up by default: paths for each take several times the time of a sample."""
         slab, lab = self.material, self.lab
         if type(slab) is not Material or "kernel" in slab.model_fields_set or slab.scatterer is not None:
             return

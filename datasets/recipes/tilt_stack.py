@@ -90,7 +90,7 @@ class MaterialRegression(TiltStack):
         return {**super().layout(), "target": target}
 
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Stacks, their tilts, and what is to be told from them."""
+        """Stacks, their tilts, and the numbers to predict."""
         target = [parameters["g"], torch.log10(parameters["optical_depth"]), torch.log10(parameters["thickness"])]
         arrays = super().named(images, tilts, parameters)
         return {**arrays, "target": torch.stack(target, -1).to(torch.float32)}

@@ -1,10 +1,10 @@
-"""How a store comes to be: made empty and whole under a temporary name, then renamed; grown; told apart.
+"""How a store comes to be: made empty and whole under a temporary name, then renamed; grown; distinguished.
 
 The metadata is written here once, by the process that starts the work; those that fill the store open it.
 
 At an address nothing is renamed. There the first to put the group's ``zarr.json``, which holds the whole identity, has
-begun the store; the record comes last. Whoever puts them claims the metadata; where it was killed, another one puts
-the rest.
+begun the store; the record comes last. The process that puts them claims the metadata; where it was killed, another one
+puts the rest.
 """
 
 import json

@@ -103,7 +103,7 @@ def add_samples(store: Store, shard: int, columns: Mapping[str, np.ndarray]) -> 
     """Write samples of a shard beside those that it holds, unless another process is at it for long.
 
     Every file holds a sample before the ledger lists it, and goes on to hold it. Where claims exclude nobody, whole
-    shards alone are written, which are the same whoever writes them.
+    shards alone are written, which are the same for every writer.
     """
     end = time.monotonic() + PATIENCE
     while True:

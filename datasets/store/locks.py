@@ -6,7 +6,7 @@ temporary files from live ones: correctness rests on whole files that appear by 
 holds nothing, and is made where it is missing.
 
 An object store has no locks. There a claim is an object of its own, put if there is none, dated anew while the work
-goes on, and deleted at its end. Of whoever was killed it stays, and counts no more once it is old.
+goes on, and deleted at its end. After a kill it stays, and counts no more once it is old.
 
 On Linux the locks belong to the open file (OFD locks): they exclude processes, on one machine or over NFS with a lock
 service, and threads of one process. Elsewhere they are POSIX record locks, which exclude processes alone: threads there
@@ -101,12 +101,12 @@ def _lock(descriptor: int, number: int, wait: bool) -> LockState:
 def claim_object(file: Any, wait: bool = False) -> Iterator[LockState]:
     """Claim what an object of this name stands for; "busy" if another process has it.
 
-    Whoever waits gets it once the other one is done, or its claim is old: its date is, or it has not changed while it
-    was watched for as long, whatever the clock of a machine that was killed. An old claim is not deleted, since two may
-    see that it is old: the first to put the next generation of it, ``NAME.1``, holds it, and deletes both in the end.
-    Two may hold one claim where a clock is minutes late, a living process is stopped for longer than its claim lasts,
-    or the file system knows no conditional put. Then work is done twice, with the same bytes, and a length of the store
-    may be stated late (see :class:`~specklegen.datasets.store.metadata.Metadata`); nothing is lost.
+    A process that waits gets it once the other one is done, or its claim is old: its date is, or it has not changed
+    while it was watched for as long, whatever the clock of a machine that was killed. An old claim is not deleted,
+    since two may see that it is old: the first to put the next generation of it, ``NAME.1``, holds it, and deletes both
+    in the end. Two may hold one claim where a clock is minutes late, a living process is stopped for longer than its
+    claim lasts, or the file system knows no conditional put. Then work is done twice, with the same bytes, and a length
+    of the store may be stated late (see :class:`~specklegen.datasets.store.metadata.Metadata`); nothing is lost.
     """
     watched: dict[Any, tuple[bytes, float]] = {}
     old: list[tuple[Any, bytes]] = []  # generations before, as they were when they were seen to be old

@@ -1,7 +1,7 @@
 """The metadata of a store: every ``zarr.json``, and a record of them all that tells when one has changed.
 
-``valid/record.json`` holds what each ``zarr.json`` says, the number of samples, and the SHA-256 of it all. Whoever
-opens a store compares. zarr looks into no folder of an array, so plain readers do not meet the record.
+``valid/record.json`` holds what each ``zarr.json`` says, the number of samples, and the SHA-256 of it all. A process
+that opens a store compares. zarr looks into no folder of an array, so plain readers do not meet the record.
 
 A store grows in this order: the record says to what length, the arrays follow, the record says that it is done.
 So a kill in between leaves arrays of the old or of the new length, and nothing else passes.

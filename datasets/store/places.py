@@ -83,7 +83,7 @@ def content(file: Any, *, expected: bool = True) -> bytes | None:
 def put_new(file: Any, data: bytes) -> bool:
     """Write a file at an address, whole, if there is none; whether this call did.
 
-    A file system that knows no such put looks first and then writes: of two at once both may be told that they did.
+    A file system that knows no such put looks first and then writes: of two at once both may be answered that they did.
     """
     try:
         file.fs.pipe_file(file.path, data, mode="create")

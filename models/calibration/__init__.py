@@ -1,1 +1,1 @@
-"""Your material from your own measurements: predictions by the atlas, least squares, intervals, and what to measure."""
+"""Fits of your material to your measurements: predictions by lookup table, least squares, intervals, advice."""

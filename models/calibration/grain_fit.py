@@ -1,4 +1,4 @@
-"""The grain of speckle of an object that nobody knows, from the photograph itself.
+"""The grain of speckle of an object that nobody knows, from the camera frame itself.
 
 The power of speckle behind a thin medium is that of the object times that of one point's speckle,
 
@@ -7,9 +7,9 @@ The power of speckle behind a thin medium is that of the object times that of on
 T the autocorrelation of the window, which is 0 from one cycle a grain on, n^2 the camera's white noise (Goodman,
 *Introduction to Fourier Optics*, 2005, section 6.3). A grain that is taken for too large has no light where there is
 some. One taken for too small is no contradiction by itself: a smoother object explains the same power. But it leaves
-the object freer, and then the object fits noise. So one half of the photograph tells the object, brightness of at least
-0 on a frame, for every grain of a grid, and the other half how probable that is (Whittle's likelihood); then the halves
-change places. The least sum is the grain that foretells best. Nothing is known of the object but its extent.
+the object freer, and then the object fits noise. So one half of the camera frame tells the object, brightness of at
+least 0 on a frame, for every grain of a grid, and the other half how probable that is (Whittle's likelihood); then the
+halves change places. The least sum is the grain that predicts best. Nothing is known of the object but its extent.
 
 What else limits frequencies, defocus, a blur, too little light, passes for a larger grain.
 """
@@ -50,14 +50,14 @@ _START = Retrieval(restarts=2, steps=4, error_reduction=20)
 
 
 class MeasuredGrain(NamedTuple):
-    """What photographs say of their grain.
+    """What camera frames say of their grain.
 
     Attributes
     ----------
     grain : float64[B]
         Camera pixels in a grain, wavelength / window width.
     low, high : float64[B]
-        Ends of the interval that holds it in 19 of 20 drawn photographs.
+        Ends of the interval that holds it in 19 of 20 drawn camera frames.
     nats : float64[B, G]
         Of the grains :attr:`tried`, minus the log-likelihood of one half by what the other told, above the least.
     tried : float64[G]
@@ -78,7 +78,7 @@ class MeasuredGrain(NamedTuple):
 
 
 def fit_grain(images: Tensor, extent: int, profile: Profile = "disc", seed: Seed = 0) -> MeasuredGrain:
-    """Grain of each of B photographs of hidden objects, each over its envelope; some 0.5 processor seconds each.
+    """Grain of each of B camera frames of hidden objects, each over its envelope; some 0.5 CPU seconds each.
 
     Raise a `RuleError` if a half of an image has no room for tiles of twice the extent, or shows no speckle.
 
@@ -147,7 +147,7 @@ def _radius(tile: int) -> Tensor:
 
 
 def _first_image(power: Tensor, size: int, seed: Seed) -> Tensor:
-    """Phase retrieval's answer to the whole photograph, brightest pixel 1, float32[B, size, size]."""
+    """Phase retrieval's answer to the whole camera frame, brightest pixel 1, float32[B, size, size]."""
     tile = power.shape[1]
     radius = _radius(tile)
     light = power - power[:, radius > _FAR].mean(1)[:, None, None]

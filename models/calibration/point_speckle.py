@@ -1,9 +1,9 @@
-"""Photographs of one point's speckle, drawn from what :func:`fit_setup` found: iris, grain, contrast, noise.
+"""Camera frames of one point's speckle, drawn from what :func:`fit_setup` found: aperture, grain, contrast, noise.
 
-The field on the camera is the transform of the iris, filled with circular Gaussian numbers (Goodman, *Speckle Phenomena
-in Optics* (2007), chapter 4). Contrast below 1 is a sum of independent patterns whose shares have that contrast. Pixels
-with area average the light over it: a product with their transform, exact, since the light is sampled finely enough to
-be interpolated. The noise has a variance in proportion to the light, as photons have.
+The field on the camera is the transform of the aperture, filled with circular Gaussian numbers (Goodman, *Speckle
+Phenomena in Optics* (2007), chapter 4). Contrast below 1 is a sum of independent patterns whose shares have that
+contrast. Pixels with area average the light over it: a product with their transform, exact, since the light is sampled
+finely enough to be interpolated. The noise has a variance in proportion to the light, as photons have.
 """
 
 from typing import NamedTuple
@@ -20,7 +20,7 @@ MOST_PATTERNS = 100
 
 
 class PointSpeckle(NamedTuple):
-    """A setup whose photographs are drawn.
+    """A setup whose camera frames are drawn.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class PointSpeckle(NamedTuple):
     pixel_integration: bool
 
     def draw(self, shape: tuple[int, int], count: int, seed: int) -> np.ndarray:
-        """Photographs float64[count, h, w] of mean 1; those of one seed move smoothly with every number."""
+        """Camera frames float64[count, h, w] of mean 1; those of one seed move smoothly with every number."""
         finer = int(np.ceil((4.0 if self.profile == "gaussian" else 2.0) / self.grain * (1.0 + 1e-3))) + 1
         apart = int(np.ceil(_APART * self.grain))  # a spectrum in cells repeats the light: beyond what the grains reach
         grid = tuple(finer * (next_fast_len(side + apart) or 0) for side in shape)

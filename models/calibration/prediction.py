@@ -55,7 +55,7 @@ class Prediction(NamedTuple):
 class PathTables(NamedTuple):
     """Quantiles at nodes: shares float64[n], ln Y and ln(s / thickness) float32[nodes, n]; axes of the nodes.
 
-    The axes are those of the atlas, up to an optical depth of its own.
+    The axes are those of the lookup table, up to an optical depth of its own.
     """
 
     shares: np.ndarray
@@ -66,7 +66,7 @@ class PathTables(NamedTuple):
 
 @lru_cache(1)
 def _transmittances() -> tuple[torch.Tensor, list[torch.Tensor]]:
-    """ln(transmittance) float32[nodes, 1], and its axes: those of the atlas, but for closer nodes of absorption."""
+    """ln(transmittance) float32[nodes, 1], and its axes: those of the lookup table, absorption more finely."""
     with (files("specklegen") / "data/transmittance-henyey-greenstein.npz").open("rb") as file, np.load(file) as data:
         axes = [*atlas_tables(_CPU).axes[:2], torch.from_numpy(data["absorptions"])]
         return torch.from_numpy(data["table"].reshape(-1, 1)), axes

@@ -1,15 +1,15 @@
-"""The setup from photographs of its speckle: :func:`fit_setup`, of grain, iris, contrast, noise, memory-effect range.
+"""Fits of a setup to frames of its speckle: :func:`fit_setup`, of grain, aperture, contrast, noise, range.
 
 A point of light behind a medium that scatters makes speckle whose periodogram has the mean
 
-    S(f) = contrast^2 P(f; grain, iris) + noise^2
+    S(f) = contrast^2 P(f; grain, aperture) + noise^2
 
 P exactly that of a finite frame (:mod:`specklegen.models.likelihood.spectrum`). The frames are cut into tiles, and
 Whittle's likelihood of all tiles' periodograms I, sum log S + I / S, is the greatest at the numbers that are stated; of
-the shapes of an iris, that one is stated whose likelihood is greatest. Intensities of speckle are no Gaussian numbers:
-the likelihood's own curvature claims too much. Standard errors are those of its scores' scatter from tile to tile
-(White, *Econometrica* 50, 1 (1982)), intervals Student's, and shapes are told apart by the scatter of the tiles' ratios
-of likelihoods (Vuong, *Econometrica* 57, 307 (1989)).
+the shapes of an aperture, that one is stated whose likelihood is greatest. Intensities of speckle are no Gaussian
+numbers: the likelihood's own curvature claims too much. Standard errors are those of its scores' scatter from tile to
+tile (White, *Econometrica* 50, 1 (1982)), intervals Student's, and shapes are distinguished by the scatter of the
+tiles' ratios of likelihoods (Vuong, *Econometrica* 57, 307 (1989)).
 
 A target in place of the point has its autocorrelation in P, less and less of it at distances beyond the memory-effect
 range (:mod:`specklegen.models.calibration.target_range`).
@@ -82,14 +82,14 @@ class _Fitted(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SetupFit(Pictured):
-    """What photographs of speckle say of the setup.
+    """What camera frames of speckle say of the setup.
 
     Attributes
     ----------
     profile : str
-        Shape of the iris: "square", "disc" or "gaussian".
+        Shape of the aperture: "square", "disc" or "gaussian".
     grain : float
-        Camera pixels in a grain, wavelength over the iris' angular width; of a Gaussian that of 1/e^2 in intensity.
+        Camera pixels in a grain, wavelength over the aperture's width in sines (of a Gaussian: 1/e^2 in intensity).
     contrast : float
         Of the speckle of one point on a pixel without area: 1 for coherent, polarised light.
     noise : float
@@ -109,7 +109,7 @@ class SetupFit(Pictured):
     spectra : tuple of float64[F]
         Radial frequency in cycles a camera pixel, and the measured and the fitted power there, for the picture.
     doubts : tuple of str
-        What speaks against the model, and which shapes the photographs do not tell apart.
+        What speaks against the model, and which shapes the camera frames do not tell apart.
     range : float or None
         Of a target: camera pixels at which C_I has fallen to one half; infinite where no fall is seen. None of a point.
     ranges : RangeProfile or None
@@ -179,7 +179,7 @@ class SetupFit(Pictured):
 
     @property
     def drawn(self) -> PointSpeckle:
-        """What draws photographs of this setup."""
+        """What draws camera frames of this setup."""
         noise = self.noise**2
         return PointSpeckle(self.profile, self.grain, min(self.contrast**2, 1.0), noise, self.pixel_integration)
 
@@ -215,7 +215,7 @@ def fit_setup(
     pixel_integration: bool = True, profile: str | None = None, target: np.ndarray | None = None,
     target_step: float = 1.0,
 ) -> SetupFit:  # fmt: skip
-    """Find grain, iris, contrast and noise from photographs of speckle of one point of light, or of a known target.
+    """Fit speckle size, aperture, contrast and noise to frames of one point source, or of a known target.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def fit_setup(
     pixel_integration
         Whether pixels collect light over their whole area.
     profile
-        Shape of the iris, where it is known: "square", "disc" or "gaussian".
+        Shape of the aperture, where it is known: "square", "disc" or "gaussian".
     target
         What shines in place of the point, incoherent brightness real[h, w]: two slits, a letter, a test chart. Then the
         memory-effect range is fitted too, and its interval is open above where the target ends before the range does.

@@ -1,4 +1,4 @@
-"""The memory-effect range from photographs of a known target: how soon the light of its parts stops moving together.
+"""The memory-effect range from camera frames of a known target: how soon the light of its parts stops moving together.
 
 Pairs of the target's points that lie a distance d apart on the camera are seen with the weight C_I(d). Of a slab that
 nobody knows C_I has no known shape either. It begins as a Gaussian function, and goes on as an exponential one, as a

@@ -1,14 +1,15 @@
-"""Photographs beside simulated ones: :func:`twin` names the differences, and what could cause them.
+"""Camera frames beside simulated ones: :func:`twin` names the differences, and what could cause them.
 
 Numbers of every image (:mod:`specklegen.models.calibration.image_statistics`) are compared group by group: the squared
-distance of the two means, in units of the scatter of all images. How large it is by chance is told by permuting which
-images are the photographs (Good, *Permutation, Parametric, and Bootstrap Tests of Hypotheses* (2005), chapter 3): exact
-where the setup is given. The smallest of the groups' p-values is judged by the same permutations (Westfall and Young,
-*Resampling-Based Multiple Testing* (1993), chapter 2), so that ``p_value`` is even between 0 and 1 if nothing differs.
+distance of the two means, in units of the scatter of all images. How large it is by chance is stated by permuting which
+images are the camera frames (Good, *Permutation, Parametric, and Bootstrap Tests of Hypotheses* (2005), chapter 3):
+exact where the setup is given. The smallest of the groups' p-values is judged by the same permutations (Westfall and
+Young, *Resampling-Based Multiple Testing* (1993), chapter 2), so that ``p_value`` is even between 0 and 1 if nothing
+differs.
 
-Where the setup was fitted to the photographs, they lie nearer to it than new ones would. Each image's own share in the
-fit is then taken off its numbers (Neyman's C(alpha), in *Probability and Statistics* (1959), 213): to first order what
-remains knows nothing of the fitted numbers.
+Where the setup was fitted to the camera frames, they lie nearer to it than new ones would. Each image's own share in
+the fit is then taken off its numbers (Neyman's C(alpha), in *Probability and Statistics* (1959), 213): to first order
+what remains knows nothing of the fitted numbers.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ class Compared(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Twin(Pictured):
-    """What two-sample tests say of photographs and of images that were simulated for them.
+    """What two-sample tests say of camera frames and of images that were simulated for them.
 
     Attributes
     ----------
@@ -96,14 +97,14 @@ class Twin(Pictured):
     compared : tuple of Compared
         Every group, the one that differs most first.
     images, simulated : int
-        How many photographs, or stacks of them, and how many simulated ones.
+        How many camera frames, or stacks of them, and how many simulated ones.
     setup : SetupFit or None
-        What was fitted to the photographs, where no recipe was given.
+        What was fitted to the camera frames, where no recipe was given.
     recipe : str
         TOML of what was simulated, with the intervals of what was fitted.
     assumed, doubts : tuple of str
     pictures : ndarray
-        float64[11, h, w]: a photograph, and ten simulated ones.
+        float64[11, h, w]: a camera frame, and ten simulated ones.
 
     Examples
     --------
@@ -131,7 +132,7 @@ class Twin(Pictured):
 
     @property
     def differs(self) -> tuple[Compared, ...]:
-        """Groups that differ, by their own chance below one in a hundred; empty if the images cannot be told apart."""
+        """Groups that differ, each with a chance below one in a hundred; empty if no difference is found."""
         return tuple(each for each in self.compared if each.p_value < _LEVEL)
 
     @property
@@ -171,7 +172,7 @@ def twin(
     envelope: Source | None = None, dark: Source | float | None = None, pixel_integration: bool = True,
     profile: str | None = None, seed: int = 0,
 ) -> Twin:  # fmt: skip
-    """Compare photographs with simulated ones, and name what differs.
+    """Compare camera frames with simulated ones, and name what differs.
 
     Parameters
     ----------
@@ -179,26 +180,26 @@ def twin(
         What :func:`specklegen.measured.read_measurement` reads, or what it returned, each of a new realization of the
         medium. Where the recipe makes stacks of T frames, every T frames after another are one stack.
     recipe
-        The setup. Without one the photographs are taken for speckle of one point of light, to which
+        The setup. Without one the camera frames are taken for speckle of one point of light, to which
         :func:`fit_setup` is fitted first.
     images
         How many images, or stacks, to simulate.
     envelope
-        An image [h, w] of the light's envelope, by which photographs are divided, or "fit". By default it is fitted and
-        taken off without a recipe, and stays beside one.
+        An image [h, w] of the light's envelope, by which camera frames are divided, or "fit". By default it is fitted
+        and taken off without a recipe, and stays beside one.
     dark
         Frames without light, or the black level in counts; by default nothing is taken off.
     pixel_integration
         Without a recipe: whether pixels average over their area, as those of cameras do.
     profile
-        Without a recipe: shape of the iris, "square", "disc" or "gaussian"; by default all are tried.
+        Without a recipe: shape of the aperture, "square", "disc" or "gaussian"; by default all are tried.
     seed
         Of the simulated images, a whole number.
 
     Raises
     ------
     RuleError
-        If photographs are smaller than the recipe's, frames make no whole stacks, or the setup cannot be drawn.
+        If camera frames are smaller than the recipe's, frames make no whole stacks, or the setup cannot be drawn.
 
     Examples
     --------

@@ -101,7 +101,7 @@ class Regression(NamedTuple):
 
     @property
     def methods(self) -> dict[str, np.ndarray]:
-        """What everybody told, float64[n, K] each."""
+        """Answers of every method, float64[n, K] each."""
         return {"network": self.told, **self.beside}
 
     def determination(self, told: np.ndarray) -> dict[str, Interval]:

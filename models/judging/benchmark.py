@@ -73,7 +73,7 @@ OF_SOME: dict[str, Callable[[HiddenObject], bool]] = {
 
 
 def _camera(recipe: HiddenObject) -> Stated:
-    """What Katz is told of camera noise: nothing, where it can read it off the image."""
+    """Camera noise as Katz is given it: nothing, where it can read it off the image."""
     assert recipe.camera is not None
     return "unknown" if recipe.camera.pixels_per_grain > READABLE else recipe.exposure or "none"
 

@@ -3,7 +3,7 @@
 Contrasts of the exposures, the camera's noise taken off, give a correlation time and the share of the light at rest
 (:func:`specklegen.theory.multi_exposure.multi_exposure_fit`). The time is that of one exponential; how far it is from
 tau0 = 1/(D k^2) depends on how the material scatters, which the model does not know. One factor between both, the
-median over media of the training split, is all that it is told.
+median over media of the training split, is all that it is given.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,6 +1,6 @@
 """Entries of the folder ``results/``: what a method scored, one file each, and the table of all of them.
 
-Whoever has a score adds a file by a pull request; ``results/README.md`` says how.
+Scores are added as files by a pull request; ``results/README.md`` says how.
 """
 
 import json

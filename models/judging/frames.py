@@ -112,7 +112,7 @@ def _contours(shape: str) -> list[np.ndarray]:
 def printed(shape: str) -> Tensor:
     """A shape in every size, at two quarter turns, and their mirror images: float32[K, *OBJECT].
 
-    A turn by 180 degrees is tried by whoever aligns.
+    A turn by 180 degrees is tried by the function that aligns.
     """
     edges = np.vstack(_contours(shape))
     ends = edges.reshape(-1, 2)

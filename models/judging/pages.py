@@ -77,7 +77,7 @@ def shapes(recipe: HiddenObject) -> dict[int, tuple[int, int]]:
 
 
 def told(places: Tensor, spot: Tensor) -> tuple[slice, slice]:
-    """Rows and columns of a page that the spots light well enough to be told; only these are scored."""
+    """Rows and columns of a page that the spots light well enough to be scored; only these are scored."""
     rows, columns = (torch.zeros(side) for side in shape_of(places, spot))
     profile = (spot.square().sum(1), spot.square().sum(0))
     for summed, axis in ((rows, 0), (columns, 1)):

@@ -131,8 +131,8 @@ class Results(Pictured):
     def rows(self) -> list[dict[str, Any]]:
         """One row for each task, function, target and score, with version, fingerprint and what chance scores.
 
-        Rows of a part of a task name the ``family``, which is empty otherwise; chance is told of whole tasks, for the
-        sharp target.
+        Rows of a part of a task name the ``family``, which is empty otherwise; chance is stated for whole tasks, for
+        the sharp target.
         """
         whole = {(name, ""): evaluation for name, evaluation in self.evaluations.items()}
         return [

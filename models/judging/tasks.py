@@ -4,7 +4,7 @@ A task is the ``test`` split of a packaged recipe with changes, images that come
 (:mod:`specklegen.models.judging.waves`), pages of many exposures (:mod:`specklegen.models.judging.pages`), or images
 that a user fetches (:mod:`specklegen.models.judging.frames`). The fingerprint of all that decides its pixels stands
 beside it, and a build that renders anything else refuses the task: scores of one :data:`VERSION` are of one set of
-images. Whoever changes a task, a packaged recipe under it, or pixels (``DATA_VERSION``) raises :data:`VERSION` and
+images. A change of a task, a packaged recipe under it, or pixels (``DATA_VERSION``) raises :data:`VERSION` and
 writes down the new fingerprints; a test keeps those of every version.
 """
 

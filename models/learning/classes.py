@@ -1,4 +1,4 @@
-"""Which class an object is of, told from one camera image by the law of images, without training and without rendering.
+"""Class of an object from one camera image, by the law of images, without training or rendering.
 
 A recipe says which objects and materials there may be. Of many of them, drawn from its training split, the mean
 periodogram S follows in closed form (:mod:`specklegen.models.likelihood.spectrum`), in a fraction of the time that an

@@ -31,9 +31,9 @@ class FewPoints(NamedTuple):
     image : float32[n, n]
         Points of brightness 1.
     evidence : float32[5]
-        What the certificate of constellations is read from: the excess in spreads of the log-likelihood, the logarithm
-        of the count, the share of the searches that ended here, the logarithm of 1 and what the next best end costs
-        more, and the correlation with the network's image.
+        What the confidence model of constellations is read from: the excess in spreads of the log-likelihood, the
+        logarithm of the count, the share of the searches that ended here, the logarithm of 1 and what the next best end
+        costs more, and the correlation with the network's image.
     """
 
     image: Tensor

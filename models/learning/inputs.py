@@ -2,7 +2,7 @@
 
 The autocorrelation is that of the object times the material's memory effect, plus a speckle grain at zero lag (Freund
 1990; Katz et al. 2014), and all of it lies within one object's side of zero lag. So only those lags are handed over, on
-the pitch at which the object is to be reconstructed (``object_pitch``, chosen by whoever asks for an image; a material
+the pitch at which the object is to be reconstructed (``object_pitch``, chosen by the caller; a material
 does not tell it). That takes scale out of the problem, and averages over pixels where they are finer than that pitch.
 """
 

@@ -68,7 +68,7 @@ class ByLaw:
     Parameters
     ----------
     recipe
-        Of kind "hidden-object", behind a square or disc window, without exposure, bench or bandwidth, its media
+        Of kind "hidden-object", behind a square or disc window, without exposure, setup or bandwidth, its media
         stationary.
 
     Raises

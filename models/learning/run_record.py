@@ -1,6 +1,6 @@
 """What a run was made with, so that nothing else goes on with it: settings, data and validation data.
 
-Examples in memory are known by the SHA-256 of their tensors; whoever knows where they come from says so too, and
+Examples in memory are known by the SHA-256 of their tensors; a caller that knows their origin states it, and
 then a difference has a name: a recipe's field, a seed, a split.
 """
 

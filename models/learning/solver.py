@@ -1,4 +1,4 @@
-"""The solver as a user holds it: camera images and what is known of the slab in; object, deviance, certificate out.
+"""The solver: takes camera images and the slab's memory effect, returns object, deviance and confidence.
 
 Phase retrieval from the lags, divided by Wiener's two guesses, gives first answers; the unrolled network
 (:mod:`specklegen.models.learning.networks.unrolled`) makes one of them, by the likelihood and by what it has learned.
@@ -76,7 +76,7 @@ class Solution(NamedTuple):
         Confidence: that the image's correlation with the true object, on the object's 28 x 28 pixels, exceeds 0.8. NaN
         where it is not calibrated for what was measured (:func:`silenced`).
     evidence : float32[B, e]
-        What the certificate was read from; see :func:`evidence_of`.
+        What the confidence model was read from; see :func:`evidence_of`.
     points : int64[B]
         How many points the image is of, where few points explain what was measured; 0 where the network made it.
     """

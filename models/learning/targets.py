@@ -21,7 +21,7 @@ CLASSES = 45
 
 
 class Scale(NamedTuple):
-    """Where a number of a medium lies among those that networks are shown, and whether it is told by its log10."""
+    """Where a number of a medium lies among those that networks are shown, and whether it is stated by its log10."""
 
     middle: float
     spread: float

@@ -1,4 +1,4 @@
-"""The certificate: how probably a reconstruction is right, read from evidence that needs no object.
+"""The confidence: how probably a reconstruction is right, read from evidence that needs no object.
 
 A logistic function of standardised numbers, fitted by penalised maximum likelihood (Newton's method; McCullagh and
 Nelder, *Generalized Linear Models*, 1989, section 4.4) on reconstructions whose objects are known. It knows what it was
@@ -40,7 +40,7 @@ class Certificate(NamedTuple):
 
     @classmethod
     def fitted(cls, evidence: np.ndarray, success: np.ndarray, chosen: Sequence[int] | None = None) -> Self:
-        """Certificate of evidence float[n, e] and successes bool[n]; of the chosen numbers alone, where they are."""
+        """Confidence model fitted to evidence float[n, e] and successes bool[n], or to chosen columns alone."""
         if chosen is not None:
             count, places = evidence.shape[1], np.asarray(chosen)
             certificate = cls.fitted(evidence[:, places], success)
@@ -64,12 +64,12 @@ class Certificate(NamedTuple):
 
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Self:
-        """Certificate of stored numbers.
+        """Confidence model of stored numbers.
 
         Raises
         ------
         ValueError, KeyError, TypeError
-            If they are not those of a certificate.
+            If they are not those of a confidence model.
         """
         lists: list[Sequence[float]] = [table["weights"], table["mean"], table["spread"]]
         ends: list[Sequence[float]] = [table.get("low", ()), table.get("high", ())]

@@ -51,7 +51,7 @@ class WideField(Pictured):
     image : float32[H, W]
         Brightness, 0 to 1 where it is covered, the right way up: spots have places.
     covered : bool[H, W]
-        Pixels that the spots light well enough to be told.
+        Pixels that the spots light well enough to be scored.
     deviance : float32[N]
         Of each exposure; the true object has ``expected_deviance(looks)``.
     looks : float

@@ -1,4 +1,4 @@
-"""The verdict after the image: the object, how sure it is, and what would help.
+"""The judgement after the image: the object, how sure it is, and what would help.
 
 A setup is a recipe with hidden objects: its window, camera, slab, and how large an object pixel appears. The slab may
 be given as ranges. Then one range is fitted to all the images, which were taken through one slab.
@@ -150,7 +150,7 @@ class Finding(Pictured):
         and the solver's image; of few points where these explain the camera image; without draws the solver's image.
     turn : float or None
         Probability that the image is the right way up, from the third order of the camera image
-        (:func:`~specklegen.models.likelihood.third_order.turn_of`). None where it is not told: where it is below 0.9,
+        (:func:`~specklegen.models.likelihood.third_order.turn_of`). None where it is not stated: where it is below 0.9,
         the image itself is likelier wrong than right, or the object is wider than the memory-effect range.
     draws : Posterior or None
         Pictures that explain the camera image, of one object, the right way up where that is told; None without any.
@@ -162,7 +162,7 @@ class Finding(Pictured):
         under a taper since its light falls off, or a patch of light without edges; the reasons say which.
     reasons : tuple of Reason
         What stands in the way, and what would help: where that is less likely than not, where nothing that was found
-        explains the image, where it is no speckle of the setup, and where the certificate is silent.
+        explains the image, where it is no speckle of the setup, and where the confidence model is silent.
     speckle : SpeckleTest
         What says whether it is.
     """
@@ -353,7 +353,7 @@ def _certified(solution: Solution, third: Tensor, solver: Solver, seen: Periodog
 
 
 def _beyond(name: str, value: float, low: float, high: float) -> str:
-    """Say which number lies outside of those that a certificate knows; of a logarithm the number itself."""
+    """Say which number lies outside of those that a confidence model knows; of a logarithm the number itself."""
     plain = name.removeprefix("logarithm of the ")
     if plain != name:
         value, low, high = math.exp(value), math.exp(low), math.exp(high)
@@ -363,7 +363,7 @@ def _beyond(name: str, value: float, low: float, high: float) -> str:
 def _turns(
     solution: Solution, setup: Setup, memory: list[MemoryEffect], third: Tensor
 ) -> tuple[list[bool], list[float | None]]:
-    """Return whether each image is upside down, and with what probability that is known; None where it is not told."""
+    """Return whether each image is upside down, and the probability of that; None where it is not stated."""
     turned: list[bool] = [False] * len(third)
     probabilities: list[float | None] = [None] * len(third)
     for n, spreads in enumerate(third[:, 0].tolist()):

@@ -1,7 +1,7 @@
-"""What the frequencies of a photograph say: grain along both axes, shape of the iris, camera noise.
+"""What the frequencies of a camera frame say: grain along both axes, shape of the aperture, camera noise.
 
-Speckle through an iris has no frequency above one cycle a grain; noise is white (:mod:`camera_noise`). The power of a
-photograph of some object is
+Speckle through an aperture has no frequency above one cycle a grain; noise is white (:mod:`camera_noise`). The power of
+a camera frame of some object is
 
     S(f) = A(f) T(f; grain) + n^2
 
@@ -38,7 +38,7 @@ class Band(NamedTuple):
     error : float
         Standard error of their logarithm.
     profile : str
-        Shape of the iris, "square" or "disc".
+        Shape of the aperture, "square" or "disc".
     noise : float
         Variance that the camera adds to a pixel, over the squared mean.
     power : float64[h, w // 2 + 1]
@@ -77,7 +77,7 @@ def transfer(profile: Profile, down: np.ndarray, across: np.ndarray) -> np.ndarr
 
 
 def fit_band(images: np.ndarray, looks: float = 1.0) -> Band:
-    """Fit grain, iris and noise to images float64[n, h, w] of mean 1, each a realization of its own."""
+    """Fit grain, aperture and noise to images float64[n, h, w] of mean 1, each a realization of its own."""
     power, (fy, fx) = periodogram(images)
     added = _LEAST * float(power.mean())
     blocks = _blocks(power + added, fy, fx)

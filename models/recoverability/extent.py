@@ -1,4 +1,4 @@
-"""How large a hidden object is: the distance up to which the autocovariance of photographs says more than it errs.
+"""How large a hidden object is: the distance up to which the autocovariance of camera frames says more than it errs.
 
 Of frames of N pixels, C(l) the mean over the pairs of pixels l apart, n(l) of them, what is no signal scatters by
 
@@ -23,7 +23,7 @@ and not worth it; but hundreds of such lags have a mean square that is surely ab
 annulus is found, outer radius 1.6 times the inner one, whose mean square lies 3.5 standard errors above that. They are
 sqrt(2 / m) for a mean of m squares of Gaussian numbers, m the independent cells of lags in the annulus (each has the
 area sum_k rho(k)^2, rho the correlation of lags, again by Parseval's theorem), and those of the scatter itself, which
-a mean of squares of exponential numbers has told. The diameter is the outer radius of that annulus, or D, whichever
+a mean of squares of exponential numbers gives. The diameter is the outer radius of that annulus, or D, whichever
 is larger.
 """
 
@@ -39,7 +39,7 @@ _SURE = 3.5  # standard deviations of a mean square, from which on there is sign
 
 
 class Extent(NamedTuple):
-    """What the lags of photographs say.
+    """What the lags of camera frames say.
 
     Attributes
     ----------

@@ -41,7 +41,7 @@ _FINEST = 1 / 3  # of a grain: smaller object pixels would show nothing more
 
 @dataclass(frozen=True, repr=False)
 class ImageRetrieval(Pictured):
-    """Object that phase retrieval made of a camera image, and what it was told or found.
+    """Object that phase retrieval made of a camera image, and what it was given or found.
 
     Attributes
     ----------

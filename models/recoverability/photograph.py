@@ -1,12 +1,12 @@
-"""A verdict on photographs of a bench that nobody described: what they hold, and whether phase retrieval will work.
+"""A judgement on camera frames of a setup that nobody described: what they hold, and whether phase retrieval will work.
 
 Everything is read off the frames: grain and camera noise from their frequencies
 (:mod:`~specklegen.models.recoverability.band`), contrast, the object's extent from the autocorrelation
 and its own noise (:mod:`~specklegen.models.recoverability.extent`), saturation and bits from the counts, vibration from
 frames. The probability is that of :mod:`~specklegen.models.recoverability.verdict`, of the residual of the measured
 power under the lags that the object needs. Two of its numbers, complexity and bright area, belong to an image that is
-not there yet: their part is foretold from the contrast and from how much of the band the light fills. Its scatter over
-168 objects of twelve families, and that of what no photograph tells of a bench, blunt the probability and widen the
+not there yet: their part is predicted from the contrast and from how much of the band the light fills. Its scatter over
+168 objects of twelve families, and that of what no camera frame tells of a setup, blunt the probability and widen the
 interval.
 
 Speckle of any object is a sum of exponential numbers: its skewness is at least twice its contrast; it is alike all over
@@ -77,7 +77,7 @@ _BLOCKS = 4  # along each side
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PhotographVerdict(Pictured):
-    """Findings of photographs, and the fate of their object.
+    """Findings of camera frames, and the fate of their object.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class PhotographVerdict(Pictured):
 
     @property
     def headline(self) -> str:
-        """The verdict in one line."""
+        """The judgement in one line."""
         low, high = self.interval
         sure = f"success probability {self.probability:.2f} ({low:.2f} to {high:.2f})"
         if self.answer == "no speckle":
@@ -192,7 +192,7 @@ class PhotographVerdict(Pictured):
         return float(np.log2(max(np.quantile(self.measured.light, 0.999), 1.0)))
 
     def explain(self) -> str:
-        """Verdict, numbers, reasons and what was assumed, as text."""
+        """Judgement, numbers, reasons and what was assumed, as text."""
         lines = [self.headline]
         for name, value in self.numbers.items():
             if value is not None:
@@ -206,7 +206,7 @@ class PhotographVerdict(Pictured):
         return {**super()._facts(), **{name: x for name, x in self.numbers.items() if x is not None}}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
-        """Draw the first frame, with the verdict above."""
+        """Draw the first frame, with the judgement above."""
         frame = self.measured.images[0]
         draw_images(axes, frame[None], high=float(np.quantile(frame, 0.999)))
         axes.set_title(self.headline, fontsize="small")
@@ -216,7 +216,7 @@ class PhotographVerdict(Pictured):
 def judge_photograph(
     photographs: Source | Measurement, *, dark: Source | float | None = None, camera: Camera | None = None
 ) -> PhotographVerdict:
-    """Judge photographs of a hidden object, of a bench that is not described: in seconds, nothing is simulated.
+    """Judge camera frames of a hidden object, of a setup that is not described: in seconds, nothing is simulated.
 
     Parameters
     ----------
@@ -297,7 +297,7 @@ def judge_photograph(
 
 
 def _even(seen: Measurement) -> PhotographVerdict:
-    """Verdict on frames that hold nothing at all."""
+    """Judgement on frames that hold nothing at all."""
     reason = Reason("an even image", "all pixels are alike", "more light, or a longer exposure")
     none = float("inf")
     return PhotographVerdict("no speckle", 0.0, (0.0, 0.0), None, (none, none), none, 0.0, 0.0, none, None, 0.0, 0.0,
@@ -511,7 +511,7 @@ def _evidence(
 
 
 def _wanting(variance: float, alike: float, apart: float) -> dict[str, float]:
-    """What no evidence can be had without; 0 where there is enough, and as much as refuses a photograph elsewhere.
+    """What no evidence can be had without; 0 where there is enough, and as much as refuses a camera frame elsewhere.
 
     Of neighbouring pixels how alike they are over the scatter of white noise, and over that of far lags.
     """

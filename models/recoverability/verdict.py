@@ -1,4 +1,4 @@
-"""When phase retrieval works: a verdict on a scene before a single image is rendered, with the reasons if it fails.
+"""When phase retrieval works: a judgement on a scene before a single image is rendered, with the reasons if it fails.
 
 The probability that an image comes back with a Pearson correlation above 0.8 is a logistic function of two logarithms,
 
@@ -79,7 +79,7 @@ class Verdict:
     reasons : tuple of Reason
         Why it fails, the weightiest first; empty where it works.
     numbers : Mapping of str to float
-        What the verdict follows from.
+        What the judgement follows from.
 
     Examples
     --------
@@ -101,11 +101,11 @@ class Verdict:
 
     @property
     def extrapolates(self) -> tuple[str, ...]:
-        """Numbers outside what the verdict was fitted on."""
+        """Numbers outside what the judgement was fitted on."""
         return tuple(name for name, (low, high) in FITTED.items() if not low <= self.numbers[name] <= high)
 
     def explain(self) -> str:
-        """Verdict, numbers, reasons and remedies, as text."""
+        """Judgement, numbers, reasons and remedies, as text."""
         low, high = self.interval
         outcome = "works" if self.works else "fails"
         lines = [f"{outcome}: success probability {self.probability:.2f} ({low:.2f} to {high:.2f})"]
@@ -188,7 +188,7 @@ def recoverable(
     removal
         Sigma of the mean that the envelope is divided out with, in camera sides; 0 leaves it in.
     media
-        Media drawn from the recipe; the verdict is on their mean.
+        Media drawn from the recipe; the judgement is on their mean.
     seed
         Of those media and of the example objects.
 
@@ -229,14 +229,14 @@ def conditions_of(
 ) -> Conditions:  # fmt: skip
     """Conditions of a recipe's images through one of its media.
 
-    Raise a `RuleError` for recipes of polarised light, whose memory effect is not round, or with a bench.
+    Raise a `RuleError` for recipes of polarised light, whose memory effect is not round, or with a setup.
     """
     if recipe.light.polarisation != "scalar":
         reject("recoverable recipe", "one of scalar light", recipe.name,
                "Feasibility is computed for memory effects that are the same in all directions.")  # fmt: skip
     if recipe.bench is not None:
-        reject("recoverable recipe", "without a bench", recipe.name,
-               "It is computed for one camera, aperture and focus: state those, and leave out bench.")  # fmt: skip
+        reject("recoverable recipe", "without the table `bench`", recipe.name,
+               "It is computed for one camera, aperture and focus: state them, without `bench`.")  # fmt: skip
     ready = recipe.prepare(seed, split, medium)
     drawn = ready.parameters
     objects = np.stack([recipe.objects.image(seed, split, n) for n in range(_EXAMPLES)])
@@ -382,7 +382,7 @@ def _reasons(conditions: Conditions, found: Residual) -> tuple[Reason, ...]:
 
 
 def _together(verdicts: list[Verdict]) -> Verdict:
-    """Verdict on several media: means of probability and interval, median numbers, the reasons of those that fail."""
+    """Judgement on several media: means of probability and interval, median numbers, the reasons of those that fail."""
     probability = float(np.mean([each.probability for each in verdicts]))
     numbers = {name: float(np.median([v.numbers[name] for v in verdicts])) for name in verdicts[0].numbers}
     reasons: dict[str, Reason] = {}

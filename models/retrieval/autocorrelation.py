@@ -1,7 +1,7 @@
 """Autocorrelation of what is hidden, from camera images.
 
 Within the memory effect a camera image is object * speckle, and the autocorrelation of speckle is a peak as wide as
-a grain, so that of the image is that of the object, blurred by a grain, on a background. Beyond it the pair of
+a grain. So that of the image is that of the object, blurred by a grain, on a background. Beyond it the pair of
 object points d apart is seen with the weight C_I(d) of the material (Bar et al. 2019, section 6):
 
     <I(v) I(v + s)> / <I>^2 - 1  =  [ (O (*) O) C_I ] * P,     P = |transform of the window's intensity|^2

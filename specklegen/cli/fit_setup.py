@@ -1,4 +1,4 @@
-"""The command ``specklegen fit setup``: grain, iris, contrast and noise from photographs of one point's speckle."""
+"""The command ``specklegen fit setup``: speckle size, aperture, contrast and noise from frames of a point source."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ def fit_setup(
     picture: Path | None = option(None, "PNG to write: the spectrum, measured and fitted."),
     as_json: AsJson = False,
 ) -> None:
-    """Find grain, iris, contrast and noise from photographs of speckle of one point of light, or of a known target."""
+    """Fit speckle size, aperture, contrast and noise to frames of one point source, or of a known target."""
     from specklegen.measured.measurement import read_measurement
     from specklegen.models.calibration.setup_fit import fit_setup as fit
 

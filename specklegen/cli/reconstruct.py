@@ -161,7 +161,7 @@ def _measured(path: Path, read: "Callable[..., Measurement]", notes: list[str]) 
 def _found_grain(
     stack: "torch.Tensor", names: list[str], recipe: "HiddenObject"
 ) -> tuple[float | None, list[str]]:
-    """Grain that photographs tell, where they contradict the setup's, and what they say; else None and nothing.
+    """Grain that camera frames show, where they contradict the setup's, and what they say; else None and nothing.
 
     They have to show a thin medium, and to have room enough.
     """
@@ -238,7 +238,7 @@ def _write_together(found: "Multiframe", names: list[str], notes: list[str], out
 
 
 def _verdict(name: str, measured: "Measurement") -> list[dict]:
-    """What ``recoverable`` says of the photograph; nothing where it is too small to judge."""
+    """What ``recoverable`` says of the camera frame; nothing where it is too small to judge."""
     from specklegen.models.recoverability.photograph import LEAST, judge_photograph
 
     if min(measured.light.shape[1:]) < LEAST:

@@ -1,4 +1,4 @@
-"""The command ``specklegen check recoverable``: whether phase retrieval works on a scene or on photographs, and why."""
+"""The command ``specklegen check recoverable``: feasibility of phase retrieval for a scene or camera frames."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,9 +31,9 @@ def recoverable(
     camera: Path | None = option(None, "Of photographs: TOML with a table [exposure], as fit-camera writes."),
     as_json: AsJson = False,
 ) -> None:  # fmt: skip
-    """Predict whether phase retrieval recovers a recipe's objects, or those of photographs, with reasons and remedies.
+    """Predict whether phase retrieval can reconstruct objects of a recipe or of camera frames, with remedies.
 
-    Photographs need no setup: what they hold is measured, and nothing is simulated.
+    Camera frames need no description of the setup: they are analysed, and nothing is simulated.
     """
     from specklegen.models.recoverability.verdict import recoverable as predict
 

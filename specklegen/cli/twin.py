@@ -1,4 +1,4 @@
-"""The command ``specklegen fit twin``: photographs beside simulated ones, and what differs."""
+"""The command ``specklegen fit twin``: sim-to-real check of camera frames."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ def twin(
     picture: Path | None = option(None, "PNG to write: your image beside ten simulated ones."),
     as_json: AsJson = False,
 ) -> None:
-    """Name how photographs differ from simulated ones, and what could cause it."""
+    """Compare camera frames with simulated ones, and list differences with possible causes."""
     from specklegen.models.calibration.twin import twin as compare
 
     require_writable("twin --picture", picture)

@@ -153,7 +153,7 @@ def face_beams(
     width
         Full side of the window, in the same unit.
     count
-        Beams along either axis: as many as pixels of a wavelength or more are to be told apart on the window.
+        Beams along either axis: as many as pixels of a wavelength or more are to be distinguished on the window.
 
     Raises
     ------

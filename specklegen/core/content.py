@@ -1,4 +1,4 @@
-"""Content: the identity of a user's own part, told by its code and values, never by its name.
+"""Content: the identity of a user's own part, given by its code and values, never by its name.
 
 A class that a user defines is known by name in recipes and scenes; the name may be given to another class a minute
 later, in the next cell of a notebook or the next version of a file. So whatever such a part decides is hashed into

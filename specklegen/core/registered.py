@@ -1,6 +1,6 @@
-"""Values of one of several classes, told apart by a name that they carry, to which users add classes of their own.
+"""Values of one of several classes, distinguished by a name that they carry, to which users add classes of their own.
 
-A family has a root (of hidden objects :class:`~specklegen.datasets.objects.ObjectFamily`). Whoever subclasses it has
+A family has a root (of hidden objects :class:`~specklegen.datasets.objects.ObjectFamily`). A subclass has
 added to it: the class is known by its name, in Python and in files; by its import path even where nobody has imported
 it (:mod:`specklegen.core.registry`). What is kept of it is kept for its content (:mod:`specklegen.core.content`).
 """

@@ -1,10 +1,10 @@
 """Files and folders that appear whole: made under a temporary name, then renamed; and what killed processes leave.
 
-Whoever writes may be killed at it, on this machine or on another one that shares the folder. Locks do not tell the
+A writer may be killed at it, on this machine or on another one that shares the folder. Locks do not tell the
 dead from the living: some network folders have none, others keep them to each machine. Age does. A file is written in
 one go, and who fills a folder, however long it takes, dates it anew every ``BEAT`` seconds. What nobody has touched for
 ``AGE`` seconds is dead. Both dates are the file server's, whose clock differs from ours. Who sleeps through that time
-all the same writes its file again, or is told that its folder is gone.
+all the same writes its file again, or learns that its folder is gone.
 
 A temporary name is ``NAME.<32 hexadecimal digits>.partial`` of a file, and ``.NAME.<32 hexadecimal digits>.creating``
 of a folder. Nothing of another name is ever deleted.

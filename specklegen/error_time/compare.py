@@ -38,7 +38,7 @@ class Row:
 
     @property
     def efficiency(self) -> float:
-        """1 / (variance x processor seconds): the same at every count where nothing but paths costs time."""
+        """1 / (variance x CPU seconds): the same at every count where nothing but paths costs time."""
         return 1 / max(self.standard_error**2 * self.cost.cpu_seconds, 1e-300)
 
 

@@ -1,4 +1,4 @@
-"""What a call costs: processor time, wall time, and by how much the process grew."""
+"""What a call costs: CPU time, wall time, and by how much the process grew."""
 
 import time
 from collections.abc import Callable

@@ -116,7 +116,7 @@ def _svg(x: np.ndarray, y: np.ndarray, said: tuple[str, str], dashed: float, ban
 
 
 def verdict_html(found: Verdict) -> str:
-    """Verdict in a sentence, the errors that it follows from, and each reason against with its remedy."""
+    """Judgement in a sentence, the errors that it follows from, and each reason against with its remedy."""
     word = "works" if found.works else "fails"
     reasons = "".join(
         f"<li><strong>{html.escape(each.name)}</strong>: {html.escape(each.numbers)}. "

@@ -1,6 +1,6 @@
 """Who may ask the explorer: pages of this machine, by one of its own names.
 
-Whoever's page you look at may send requests to this machine too. Two headers tell which page asks, and no script can
+Any page that you look at may send requests to this machine too. Two headers tell which page asks, and no script can
 write them: ``Host`` is the name under which the server was asked for (a foreign name that was made to point here, DNS
 rebinding, stays in it), ``Origin`` the page that asks (websockets know no other fence). RFC 9110 7.2, RFC 6454 7.
 """
@@ -18,7 +18,7 @@ OWN_HOST = re.compile(r"(localhost|127\.0\.0\.1|\[::1\])(:\d+)?", re.ASCII)
 
 
 def guarded(program: Program) -> Program:
-    """Return the program behind a guard: whoever asks by a foreign name gets 421, a foreign page 403.
+    """Return the program behind a guard: a request by a foreign name gets 421, a foreign page 403.
 
     A websocket is refused before it opens, with 403 by ASGI's rule.
     """

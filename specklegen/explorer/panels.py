@@ -45,7 +45,7 @@ SIXTEEN = 16
 
 
 def _drawn(recipe: Any, number: int) -> dict[str, Any]:
-    """Draw a sample of a recipe; what the planner doubts about it is told by :func:`doubts`."""
+    """Draw a sample of a recipe; what the planner doubts about it is stated by :func:`doubts`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoubtWarning)
         return recipe.sample(SEED, SPLIT, number)
@@ -282,7 +282,7 @@ class Retrieved(NamedTuple):
     image : float32[SIDE, SIDE]
         Moved onto the object, and turned as it is.
     correlation, limited : float
-        Pearson correlation to the object, and to it as a lens as wide as the window would show it: what the verdict
+        Pearson correlation to the object, and to it as a lens as wide as the window would show it: what the judgement
         is about, since speckle carries no more.
     """
 

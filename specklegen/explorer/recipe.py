@@ -172,7 +172,7 @@ def _scatterer(lobe: str, g: float) -> dict[str, Any]:
 
 @lru_cache
 def concentration_of(g: float) -> float:
-    """Concentration of the von Mises-Fisher lobe of an anisotropy: coth kappa - 1 / kappa = g."""
+    """Concentration of the von Mises-Fisher phase function of an anisotropy: coth kappa - 1 / kappa = g."""
     log: Any = brentq(lambda x: VonMisesFisher(concentration=float(np.exp(x))).mean_cosine() - g, -10, 20, xtol=1e-12)
     return float(f"{np.exp(log):.6g}")
 

@@ -2,7 +2,7 @@
 
 `RandomLayer` describes the medium; `yee` marches media of it, `transfer_matrix` solves the same grid exactly
 in frequency; `monte_carlo_mean` averages either over many media, `single_realization` gives the mean to
-second order from one run [Tan13], with a verdict on its validity. `coherent_transmission` and
+second order from one run [Tan13], with a judgement on its validity. `coherent_transmission` and
 `equivalent_slab` tie the mean forward wave to a bulk scattering medium.
 """
 

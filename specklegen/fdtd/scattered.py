@@ -43,7 +43,7 @@ class ScatteredField(Pictured):
     back, forward : float64[T] or float64[R, T]
         The scattered field at the first and at the last cell.
     validity : Validity or None
-        Verdict of a perturbation order; None where nothing was approximated.
+        Judgement of a perturbation order; None where nothing was approximated.
 
     Examples
     --------

@@ -63,7 +63,7 @@ def single_realization(
     Warns
     -----
     UserWarning
-        If the order is not valid for this layer and pulse; ``validity`` of the result holds the verdict.
+        If the order is not valid for this layer and pulse; ``validity`` of the result holds the judgement.
 
     Examples
     --------

@@ -67,7 +67,7 @@ def pulse_phase_variance(layer: RandomLayer, incidence: Incidence) -> float:
 
 
 def judge(layer: RandomLayer, incidence: Incidence, order: int) -> Validity:
-    """Predict the relative errors of a mean field of Born order 1 or 2, and give the verdict on each side."""
+    """Predict the relative errors of a mean field of Born order 1 or 2, and give the judgement on each side."""
     v = pulse_phase_variance(layer, incidence)
     forward_error, back_error = v / 4, 3 * v
     if order == 1 and layer.rms_index > 0:

@@ -1,4 +1,4 @@
-"""Light that goes as it goes: exponential flights, the lobe's angles, nothing aimed at any view.
+"""Light that goes as it goes: exponential flights, the phase function's angles, nothing aimed at any view.
 
 Each path enters through the face at the lower end of z and ends where it leaves the medium. Absorption is a weight, the
 product of the albedos of its collisions; paths of little weight end by Russian roulette, which keeps the mean. A flight

@@ -34,7 +34,7 @@ class KernelCache(NullCache):
         """Read a compiled kernel; None where there is none.
 
         Numba imports here all that it can translate, 0.4 s of a process, of which machine code needs the addresses of
-        the runtime alone; whoever compiles imports it then.
+        the runtime alone; code that compiles imports it then.
         """
         rtsys.initialize(target_context)
         content = read(KIND, self._name(sig, target_context.codegen()))

@@ -6,7 +6,8 @@ at every angle, so that the phase function is the scalar one. A walk carries the
 x2 ... x_(B-1), between the frames of its first and its last direction. A frame is that of
 :func:`specklegen.kernels.frames.deflect`: it follows from the direction alone. M is kept at |M|^2 = 2.
 
-The angle of a scattering has the scalar lobe. Behind M, for unpolarised light along w_1, its azimuth has the density
+The angle of a scattering has the scalar phase function. Behind M, for unpolarised light along w_1, its azimuth has the
+density
 
     f(phi) = |S M|^2 / |M|^2,    f(phi) + f(phi + pi/2) = 2:
 
@@ -45,8 +46,8 @@ class Jones(NamedTuple):
     Attributes
     ----------
     matrices : float64[n, 4], float64[types, n, 4] through layers, or of no rows
-        S1 and S2, real before imaginary parts, at the nodes of the walk's lobe, linear in 1 - cos between them, through
-        layers those of :func:`amplitudes_of_type`; of no rows the projector, S2 = cos(theta) S1.
+        S1 and S2, real before imaginary parts, at the nodes of the walk's phase function, linear in 1 - cos between
+        them, through layers those of :func:`amplitudes_of_type`; of no rows the projector, S2 = cos(theta) S1.
     carried : float64[2, CARRIED]
         Room for the matrices of the lanes: FLYING, and WAITING for a lane.
     step : float64[STEP]

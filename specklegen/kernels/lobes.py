@@ -1,11 +1,11 @@
 """Phase functions of any shape for walks in lock step: one table to draw from and to judge by.
 
 The density f of v = 1 - cos(theta) is linear between nodes v_j: over each octave of v lie equally many, so that a node
-is found from the bits of v, and a narrow lobe costs no more than a wide one. The same piecewise linear f is drawn from
-and evaluated, each exactly, so that weights fit the draws to rounding. How far f is from the scatterer's own is found
-when the table is made (:func:`specklegen.paths.phase_tables.walk_lobes`). A table of no rows stands for Henyey and
-Greenstein's phase function, which has a closed form. So has that of von Mises and Fisher, f = kappa e^(-kappa v) / (1 -
-e^(-2 kappa)): ordinary scattering draws from it and judges by it; its table is for steered scattering alone.
+is found from the bits of v, and a narrow phase function costs no more than a wide one. The same piecewise linear f is
+drawn from and evaluated, each exactly, so that weights fit the draws to rounding. How far f is from the scatterer's own
+is found when the table is made (:func:`specklegen.paths.phase_tables.walk_lobes`). A table of no rows stands for Henyey
+and Greenstein's phase function, which has a closed form. So has that of von Mises and Fisher, f = kappa e^(-kappa v) /
+(1 - e^(-2 kappa)): ordinary scattering draws from it and judges by it; its table is for steered scattering alone.
 """
 
 import math

@@ -42,7 +42,7 @@ def sample_henyey_greenstein(g, u):
 
     With d = 1 - g + 2 g u and s = (1 - g^2)/d, 1 - cos = (1 - g)(1 - u)(s + 1 - g)/d: exact at g = 0 and
     free of cancellation towards g = 1, where the textbook form loses four digits. Below g = -0.9 the
-    mirrored lobe is drawn, which is as precise about the backward direction.
+    mirrored phase function is drawn, which is as precise about the backward direction.
     """
     h = -g if g < -0.9 else g
     inverse = 1.0 / (1.0 - h + 2.0 * h * u)

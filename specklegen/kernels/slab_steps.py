@@ -147,7 +147,7 @@ def start(where, first, count, layer, rate, light, state, address):
 
 @inlined
 def leave(where, g, rows, places, aim_rows, guide, mean_free_path, pull, importance, state, address, count):
-    """Send the paths of :func:`start` off, their first directions drawn from the lobe that they aim with."""
+    """Send the paths of :func:`start` off, their first directions drawn from the phase function that they aim with."""
     if pull.rate > 0.0:
         for i in range(count):
             state[OX + i], state[OY + i], state[OZ + i] = state[WX + i], state[WY + i], state[WZ + i]

@@ -9,8 +9,8 @@ the volume the depth of the first vertex is exponential, forced to lie inside:
     p_r(x) = S_r(ray) sigma_t(x) e^(-depth before x) / (1 - e^(-depth of the whole ray))
 
 with S the density of rays across the beam: 1 / projected area, the footprint's density over the obliquity, or
-1 / (solid angle r^(d-1)). First directions spread about the ray as the material at the vertex scatters: the lobe of
-another would leave the ratio of both in the weights, hundreds where one is narrow.
+1 / (solid angle r^(d-1)). First directions spread about the ray as the material at the vertex scatters: the phase
+function of another would leave the ratio of both in the weights, hundreds where one is narrow.
 """
 
 import math
@@ -279,7 +279,7 @@ def source_density(bounds, cells, extinction, sigma, kinds, rows, r, x, y, z):
 def start_densities(bounds, cells, extinction, here, kinds, rows, x, y, z, wx, wy, wz):
     """Densities of the mixture: (of the first vertex alone, of the first vertex and direction).
 
-    ``here``: extinction at the vertex, and anisotropy of the lobe about its ray.
+    ``here``: extinction at the vertex, and anisotropy of the phase function about its ray.
     """
     sigma, lobe = here
     vertex = joint = 0.0

@@ -36,7 +36,8 @@ class Stretch(NamedTuple):
     most : float
         Largest H / (1 - rate w_z).
     aimed : float
-        Mean of H / (1 - rate w_z) over the lobe that first directions are drawn from, over that of the phase function.
+        Mean of H / (1 - rate w_z) over the phase function that first directions are drawn from, over that of the phase
+        function.
     rows : float64[n, 2]
         H, and its slope, at even steps of sqrt((1 - w_z) / 2) from 0 to 1.
     """
@@ -70,9 +71,10 @@ def scattered_importance(rows, z):
 
 @inlined
 def steer(where, g, rows, guide, pull, importance, state, address, count):
-    """Turn every lane's direction by an angle of a lobe, drawn towards the far face, and change its weight by H.
+    """Turn every lane by an angle of the phase function, drawn towards the far face; multiply its weight by H.
 
-    The density of the lobe's 1 - cos is left in ``SHAPE``. Every try has a key of its own, for tries have no bound.
+    The density of the phase function's 1 - cos is left in ``SHAPE``. Every try has a key of its own, for tries have no
+    bound.
     """
     for i in range(count):
         x, y, z = state[WX + i], state[WY + i], state[WZ + i]

@@ -1,7 +1,7 @@
-"""Families of lobes that stand for what tissues really do at small angles, which hardly any measurement shows.
+"""Families of phase functions for small angles, which hardly any measurement of tissue shows.
 
-Lobes of one mean cosine leave one transport length, but not one memory effect: one that is Gaussian has no tails, that
-of Henyey and Greenstein wide ones, and measured tissues lie between them. Both have tables in the atlas.
+Phase functions of one mean cosine leave one transport length, but not one memory effect: one that is Gaussian has no
+tails, that of Henyey and Greenstein wide ones, and measured tissues lie between them. Both have lookup tables.
 """
 
 from functools import lru_cache
@@ -17,7 +17,7 @@ LOBES = ("henyey-greenstein", "von-mises-fisher")
 
 
 def lobe_of(family: str, g: float) -> Scatterer:
-    """Return the lobe of a family of ``LOBES`` whose mean cosine is g; of a g of 0 and below there is one alone."""
+    """Return the phase function of a family of ``LOBES`` with mean cosine g; at g <= 0 there is one family."""
     if family == LOBES[0] or g <= 0:
         return HenyeyGreenstein(g=g)
     return VonMisesFisher(concentration=_concentration(real_number("materials g", g)))

@@ -35,13 +35,13 @@ class MemoryRange:
         With the numbers that are taken by default, or given; behind the first index outside.
     interval, wide_interval : (float, float)
         That hold 68 and 95 % of materials whose numbers are drawn evenly from their ranges, the index outside among
-        those named, the lobes among their families.
+        those named, the phase functions among their families.
     each : Mapping[str, tuple[float, float]]
         With one number at either end of its range and the others by default.
     outside : Mapping[float | None, float]
         Behind each index outside, None for matched faces.
     lobes : Mapping[str, float]
-        With each family of lobes that it may have, of the same g; empty where it may have one.
+        With each family of phase functions that it may have, of the same g; empty where it may have one.
     sine : float
         Direction sine, in vacuum, of a q of 1: tilts in air are q times it.
     """
@@ -98,7 +98,8 @@ def memory_range(
     seed
         Of the draws.
     lobe
-        Family of the lobes, one of ``about(name).lobes``, where it is known; it is drawn for the interval otherwise.
+        Family of the phase functions, one of ``about(name).lobes``, where it is known; it is drawn for the interval
+        otherwise.
 
     Raises
     ------

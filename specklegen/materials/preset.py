@@ -116,7 +116,7 @@ class Preset:
     doubts : str
         What the model leaves out.
     lobes : tuple of str
-        Families of lobes that it may have, the first by default; none where its particles leave no choice.
+        Families of phase functions that it may have, the first by default; none where its particles leave no choice.
     make : Callable
         Maps (vacuum wavelength in micrometres, units of length in a micrometre, **numbers) to :class:`Optics`, or to a
         thin medium.

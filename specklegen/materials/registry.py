@@ -66,7 +66,7 @@ def get(
     unit
         Metres in the unit of length of what is returned; micrometres by default.
     lobe
-        Family of the lobes that a g belongs to, one of ``about(name).lobes``; the first by default.
+        Family of the phase functions that a g belongs to, one of ``about(name).lobes``; the first by default.
     **numbers
         Of the preset, in the units that ``about(name)`` states; what is left out has its default.
 
@@ -127,7 +127,7 @@ def known_wavelength(name: str, wavelength: float) -> float:
 
 
 def known_lobe(name: str, lobe: str) -> str:
-    """Return a family of lobes that a preset may have."""
+    """Return a family of phase functions that a preset may have."""
     lobes = about(name).lobes
     if not lobes:
         reject(f"materials.get({name!r}) lobe", "left out: its particles leave no choice", lobe)
@@ -153,7 +153,7 @@ def draw(
 ) -> BulkMaterial | GroundGlass:  # fmt: skip
     """A material by its name, what is not given drawn evenly from the ranges of the literature.
 
-    A family of lobes is drawn as well, where a material may have several.
+    A family of phase functions is drawn as well, where a material may have several.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def draw(
     unit
         Metres in the unit of length of what is returned; micrometres by default.
     lobe
-        Family of the lobes, one of ``about(name).lobes``, where it is known.
+        Family of the phase functions, one of ``about(name).lobes``, where it is known.
     **numbers
         What is known, in the units that ``about(name)`` states; all else is drawn.
     """

@@ -131,7 +131,7 @@ def reflectance_transmittance(
         Of the light from the normal, radians, *outside* the medium; towards +x.
     angles
         float64[n + 1], rising from 0 to pi/2: bounds of the steps over which densities are taken. By default 30
-        steps of three degrees; narrower ones show a forward lobe.
+        steps of three degrees; narrower ones show a forward phase function.
     budget
         Paths, an error or a time, seed and threads (:class:`specklegen.results.Budget`). ``rel_error`` is the largest
         standard error of the totals, as a share of the incident light. By default 100 000 paths.

@@ -1,4 +1,4 @@
-"""Whether the mean field matters beside the speckle, and what it is told where it is left out."""
+"""Decision whether the ballistic (mean) field matters beside the speckle."""
 
 from dataclasses import replace
 

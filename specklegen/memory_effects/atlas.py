@@ -1,9 +1,10 @@
-"""The memory-effect atlas: K of a slab of Henyey-Greenstein or von Mises-Fisher lobes from tables, in microseconds.
+"""Memory-effect lookup tables: K of Henyey-Greenstein and von Mises-Fisher slabs, in microseconds.
 
-K of an infinite slab depends on q times its thickness, its optical depth, its lobe and albedo, and on nothing else. The
-lobe of one family is fixed by g, but lobes of equal g and different families have memory effects of their own: each
-family has its tables. A table holds, at nodes of these three, the quantiles of r / thickness, the lateral distance of
-multiply scattered light, and its intensity. Between nodes both are interpolated by cubic polynomials:
+K of an infinite slab depends on q times its thickness, its optical depth, its phase function and albedo, and on nothing
+else. The phase function of one family is fixed by g, but phase functions of equal g and different families have memory
+effects of their own: each family has its tables. A table holds, at nodes of these three, the quantiles of r /
+thickness, the lateral distance of multiply scattered light, and its intensity. Between nodes both are interpolated by
+cubic polynomials:
 
     K(q) = s + (1 - s) sum_n p_n J0(q r_n),     p_n >= 0 fixed, r_n = thickness exp(interpolated ln r_n)
 
@@ -177,7 +178,7 @@ def file_of(table: str) -> Traversable:
 
 
 def atlas_digest(slabs: Iterable[Slab]) -> str:
-    """SHA-256, in hexadecimal, of the tables that serve slabs with lobes from the least forward to the most of these.
+    """SHA-256, in hexadecimal, of the tables for phase functions between the least and most forward of these.
 
     Other tables make other pixels.
     """
@@ -211,13 +212,13 @@ def _placed(medium: PlaneMedium) -> tuple[Slab, Atlas, tuple[float, float, float
 
 @remembered(64)
 def atlas_errors(medium: PlaneMedium) -> Errors | None:
-    """Errors of the atlas at a slab; None where it is outside the tables, and of layers that are no slab."""
+    """Errors of the lookup table at a slab; None where it is outside the tables, and of layers that are no slab."""
     placed = _placed(medium)
     return None if placed is None else placed[1].errors(placed[2])
 
 
 def atlas_correlation(medium: PlaneMedium, tolerance: float = TOLERANCE) -> MemoryEffectCorrelation | None:
-    """K of a slab from the atlas, on the axis in transmission.
+    """K of a slab from the lookup table, on the axis in transmission.
 
     Parameters
     ----------
@@ -240,7 +241,7 @@ def atlas_correlation(medium: PlaneMedium, tolerance: float = TOLERANCE) -> Memo
 
 
 def correlation_for(slab: Slab, *, paths: int = 100_000, tolerance: float = TOLERANCE) -> MemoryEffectCorrelation:
-    """K of a slab from where it is cheapest: the atlas, or ``paths`` paths, which are cached.
+    """K of a slab from where it is cheapest: the lookup table, or ``paths`` paths, which are cached.
 
     A function of the material alone: an estimate's seed is the slab in units of its thickness, and the cache returns
     its bits. ``source`` of the result says whether it is of the "atlas" or an "estimate".
@@ -252,7 +253,7 @@ def correlation_for(slab: Slab, *, paths: int = 100_000, tolerance: float = TOLE
     paths
         Paths of an estimate, where one is needed.
     tolerance
-        Largest error of C_I with which the atlas will do; 0 leaves the atlas out.
+        Largest error of C_I with which the lookup table will do; 0 leaves it out.
     """
     correlation = atlas_correlation(slab, tolerance)
     return axial_correlation(slab, paths) if correlation is None else correlation

@@ -3,8 +3,8 @@
 Along the axis, in transmission and at small tilts, from the distribution of lateral distances
 (:mod:`specklegen.memory_effects.correlation`, symmetric in azimuth and so less noisy). Otherwise from the exact
 amplitudes of every connection at every tilted pair (i, v), reversed paths included where they matter. Tilts that are
-not small beside a narrow lobe keep their angle to it instead (:mod:`specklegen.paths.far_field`): from lateral
-distances again, and from phases alone where reversed paths take part.
+not small beside a narrow phase function keep their angle to it instead (:mod:`specklegen.paths.far_field`): from
+lateral distances again, and from phases alone where reversed paths take part.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def aimed(
 
 
 def small_tilts(medium: PlaneMedium, wavelength: float, tilts: np.ndarray) -> bool:
-    """Whether tilts turn but the lateral ways of paths along the axis: small beside the lobe, or keeping to it."""
+    """True if tilts only shift paths sideways: small beside the phase function, or keeping their angle to it."""
     largest = steepest(medium, tilts)
     return lobe_loss(medium, wavelength, largest).spurious or largest <= _largest_small(medium)
 
@@ -186,8 +186,8 @@ class MemoryEffect(Pictured, Labelled):
     reverse : bool
         Whether reversed paths took part.
     near_field : bool
-        Whether tilts keep their angle to the scatterers' lobe, since mean free paths are shorter than the far field
-        that tells them apart (docs/physics.md 10).
+        Whether tilts keep their angle to the scatterers' phase function, since mean free paths are shorter than the far
+        field that tells them apart (docs/physics.md 10).
     channel : "none", "co", "crossed", "circular" or "flipped"
         Analyser before the camera; of scalar light "none".
     azimuth : float
@@ -289,8 +289,8 @@ def memory_effect(
     DoubtWarning
         Where no path carried light, and all is NaN.
         Where the mean free path is below the wavelength: independent scattering is then doubtful. Where tilts are
-        neither small beside the scatterers' lobe, nor beside 0.1 radian, and segments are in the lobe's near field: no
-        estimate is right there. Where standard errors rest on next to no path.
+        neither small beside the scatterers' phase function, nor beside 0.1 radian, and segments are in the phase
+        function's near field: no estimate is right there. Where standard errors rest on next to no path.
 
     Examples
     --------

@@ -230,7 +230,7 @@ def _of_slab(
 
 
 def forward_correlation(slab: Slab, wavelength: float, tilt: ArrayLike, shift: ArrayLike) -> np.ndarray:
-    """|C| of a forward slab whose lobes are Gaussian: exp{-(k^2 L / 2 l*) [x^2 - L delta x + L^2 delta^2 / 3]}.
+    """|C| of a forward slab with Gaussian phase functions: exp{-(k^2 L / 2 l*) [x^2 - L delta x + L^2 delta^2 / 3]}.
 
     Its best shift is L delta / 2, its best tilt 3 x / (2 L); for thicknesses far below the transport length l*.
     """

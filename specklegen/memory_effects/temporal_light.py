@@ -75,7 +75,7 @@ class Asked(NamedTuple):
 
     @property
     def near(self) -> bool:
-        """True if tilts keep their angle to the lobe (docs/physics.md 10)."""
+        """True if tilts keep their angle to the phase function (docs/physics.md 10)."""
         if self.medium.has_sides:
             return False
         return lobe_loss(self.medium, self.wavelength, steepest(self.medium, self.angles)).spurious

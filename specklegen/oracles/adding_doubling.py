@@ -7,8 +7,8 @@ is a node of weight 0: light arrives and is seen there, and never scatters into 
 *Multiple Light Scattering* (1980), ch. 4; Grant and Hunt, Proc. R. Soc. A 313, 183 (1969).
 
 Scatterers that move take e^(-2x (1 - cos theta)) off the field's correlation at every scattering, x = D k^2 tau: their
-lobe times that is the lobe of a correlation that obeys radiative transfer too (Ackerson et al., J. Thermophys. Heat
-Transfer 6, 577 (1992)), so that ratios of such light at x and at 0 are g1.
+phase function times that is the phase function of a correlation that obeys radiative transfer too (Ackerson et al., J.
+Thermophys. Heat Transfer 6, 577 (1992)), so that ratios of such light at x and at 0 are g1.
 """
 
 from collections.abc import Sequence
@@ -91,9 +91,9 @@ def layered_light(
 
 
 def _moving(g: float, motion: float, orders: int) -> np.ndarray:
-    """Legendre moments of the lobe times e^(-2x (1 - cosine)), float64[orders]: the product of two series.
+    """Legendre moments of the phase function times e^(-2x (1 - cosine)), float64[orders]: the product of two series.
 
-    The lobe is the series of its own first moments, as at rest, so that x = 0 leaves every digit.
+    The phase function is the series of its own first moments, as at rest, so that x = 0 leaves every digit.
     """
     order = np.arange(orders)
     moments = np.power(float(g), order)

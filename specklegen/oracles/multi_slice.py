@@ -3,9 +3,9 @@
     E -> H_(dz/2) [ e^(i phi_n) H_(dz/2) E ],     <|phi^(q)|^2> = (dz / l) |s(cos theta)|^2 (dq / k)^2 / cos theta
 
 with sin theta = |q| / k, and H the exact angular spectrum e^(i k_z dz) without its evanescent part. A screen's phase is
-Gaussian with the spectrum of the slab's own scatterers, of whatever lobe, and scatters dz / l of the light. Nothing
-here knows of paths, of segments or of their far field: fields of different tilts pass the same screens, and their
-correlation is read off. docs/physics.md 10.
+Gaussian with the spectrum of the slab's own scatterers, of whatever phase function, and scatters dz / l of the light.
+Nothing here knows of paths, of segments or of their far field: fields of different tilts pass the same screens, and
+their correlation is read off. docs/physics.md 10.
 
 Light is never scattered backwards and loses nothing by its slant (no 1 / cos theta), so this judges slabs of
 L / l* <= 0.2 only: there its |K| agrees with random walks within 0.013 (L / l* <= 0.1) and 0.02. Layers one behind the
@@ -13,7 +13,7 @@ other are slabs one behind the other.
 
 Brownian scatterers that have moved for a lag tau leave e^(-D q^2 tau) = e^(-x (q/k)^2) of the amplitude of a screen's
 component at the transverse wavevector q, x = D k^2 tau; what is lost comes back as another screen's. Over all views of
-one beam, tilted by nothing, that is exp{-OD [1 - <e^(-x sin^2 theta)>]}, the mean over the lobe.
+one beam, tilted by nothing, that is exp{-OD [1 - <e^(-x sin^2 theta)>]}, the mean over the phase function.
 """
 
 from collections.abc import Iterator, Sequence
@@ -216,7 +216,7 @@ def _check(slab: PlaneMedium, wavelength: float, pitch: float) -> None:
 
 
 def _spectrum(scatterer: Scatterer, sines: np.ndarray) -> np.ndarray:
-    """Share of scattered light in each bin, float64[n, n]; bins in the middle of the lobe are averaged."""
+    """Share of scattered light in each bin, float64[n, n]; bins in the middle of the phase function are averaged."""
 
     def density(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         power = x**2 + y**2

@@ -35,7 +35,7 @@ def rayleigh(cosine: np.ndarray) -> np.ndarray:
 
 
 def projected(lobe: Callable[[np.ndarray], np.ndarray]) -> PhaseMatrix:
-    """Phase matrix of particles that scatter by a scalar lobe and project the field: S2 = cos(theta) S1.
+    """Phase matrix of particles that scatter by a scalar phase function and project the field: S2 = cos(theta) S1.
 
     ``lobe`` gives F11 of mean 1 over the sphere; of 3/4 (1 + cos^2) it makes :func:`rayleigh`.
     """
@@ -81,8 +81,8 @@ def vector_adding_doubling(
     nodes
         Gauss nodes of the cosine, from 0 to 1; between faces half of them beyond the critical angle.
     orders
-        Harmonics of the azimuth, m = 0, ..., orders - 1: 3 are all of Rayleigh's; narrower lobes have more. Light along
-        the axis, seen along the axis, needs no more than 3.
+        Harmonics of the azimuth, m = 0, ..., orders - 1: 3 are all of Rayleigh's; narrower phase functions have more.
+        Light along the axis, seen along the axis, needs no more than 3.
     index
         Of refraction inside over outside, of both faces. Cosines are those inside, the light is that inside the slab
         before it leaves, times what the face lets through of it; echoes add up as intensities.

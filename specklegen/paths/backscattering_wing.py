@@ -1,4 +1,4 @@
-"""How much reversed paths add away from exact backscattering: a bound from the lobe of the scatterer.
+"""How much reversed paths add away from exact backscattering: a bound from the phase function of the scatterer.
 
 Far from v = -i the phase k (i + v) . (x_1 - x_B) between a path and its reverse leaves only paths whose ends lie close,
 those of two scatterings before all others. With x_1 and x_2 a distance r apart along w, sigma_s its share per length,
@@ -9,9 +9,10 @@ against rho(i.v) of single scattering, or against double scattering without the 
 sigma / (sigma^2 + (k (i + v) . w)^2); faces that end the flights of a thin medium act as sigma_t + 2/L for sigma, and
 the largest over this range counts. By symmetry only |i + v| matters. Longer paths lose more to the phase than those of
 two scatterings and are compared with an intensity of their own, so the total stays below, save where light is thrown
-back twice; that is added by the share of the lobe behind. Isotropic scatterers: pi/2 / (k l |i + v|) of single ones,
-1 / (k l |i + v|) in flatland, and the higher orders measured beside Monte Carlo (tests/paths/test_reversal.py), whose
-excess is a fifth to all of this bound for anisotropies from -0.9 to 0.99 and optical depths from 0.1 to 8.
+back twice; that is added by the share of the phase function behind. Isotropic scatterers: pi/2 / (k l |i + v|) of
+single ones, 1 / (k l |i + v|) in flatland, and the higher orders measured beside Monte Carlo
+(tests/paths/test_reversal.py), whose excess is a fifth to all of this bound for anisotropies from -0.9 to 0.99 and
+optical depths from 0.1 to 8.
 """
 
 import numpy as np

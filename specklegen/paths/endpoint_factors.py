@@ -200,7 +200,7 @@ def _polarised(layout: Layout, bank: PathBank, phases: np.ndarray, threads: Thre
 
 
 def _by_light(layout: Layout, bank: PathBank, bidirectional: bool, reverse: bool, threads: Threads) -> np.ndarray:
-    """The same where lights keep their angles to lobes: of each by the ends that it sees."""
+    """The same where lights keep their angles to phase functions: of each by the ends that it sees."""
 
     def amplitudes(some: PathBank) -> np.ndarray:
         out = np.empty((len(layout.lights), len(layout.views), len(some)), np.complex128)

@@ -1,12 +1,14 @@
-"""Segments of paths and the far field of a scatterer: when a narrow lobe may be looked up along a path's directions.
+"""Far field of scatterers: when a narrow phase function may be evaluated along a path's directions.
 
 Endpoint factors hold s(i . w_1): light of every tilt i arrives at x_1 and goes on along the *same* w_1, from point to
-point. That is the field far from x_1, beyond 1/(k theta^2) for a lobe of width theta. Nearer by, a scatterer is a thin
-screen that adds the same transverse momentum to light of any tilt: the ladder of multiple scattering conserves the
-difference k t of two waves at every collision, both keep their angle to the lobe, s(k_1 -> k_1 + p) s*(k_2 -> k_2 + p),
-and what is left of their correlation is the lateral way of the path alone, K = E[w e^(-i k t . R)] / E[w].
+point. That is the field far from x_1, beyond 1/(k theta^2) for a phase function of width theta. Nearer by, a scatterer
+is a thin screen that adds the same transverse momentum to light of any tilt: the ladder of multiple scattering
+conserves the difference k t of two waves at every collision, both keep their angle to the phase function, s(k_1 -> k_1
++ p) s*(k_2 -> k_2 + p), and what is left of their correlation is the lateral way of the path alone, K = E[w e^(-i k t .
+R)] / E[w].
 
-The two agree while tilts are small beside the lobe. Beyond, the first loses the overlap of the lobes of both tilts,
+The two agree while tilts are small beside the phase function. Beyond, the first loses the overlap of the phase
+functions of both tilts,
 
     A(t) = int s(w) s*(w_t) dw,      |C|^2 too low by 1 - |A|^4 at most (both ends)
 
@@ -37,14 +39,14 @@ _ALONG, _AROUND = 512, 96  # nodes of the angle to the lobe, by its logarithm, a
 
 
 class LobeLoss(NamedTuple):
-    """What endpoint factors make of a tilt beside the lobe.
+    """What endpoint factors make of a tilt beside the phase function.
 
     Attributes
     ----------
     loss : float
         1 - |A|^4: how much too low |C|^2 comes out at most.
     far_field : float
-        k l theta^2, the mean free path over the distance from which the lobe is in its far field.
+        k l theta^2, the mean free path over the distance from which the phase function is in its far field.
     """
 
     loss: float
@@ -52,7 +54,7 @@ class LobeLoss(NamedTuple):
 
     @property
     def negligible(self) -> bool:
-        """True if the lobes of both tilts are one."""
+        """True if the phase functions of both tilts are one."""
         return self.loss <= NEGLIGIBLE
 
     @property
@@ -80,14 +82,14 @@ def lobe_loss(medium: PlaneMedium, wavelength: float, tilt: float) -> LobeLoss:
 
 @remembered(256)
 def overlap(scatterer: Scatterer, tilt: float) -> float:
-    """|A| of two lobes a ``tilt`` apart, 1 at 0: of all types of particle, by their shares, to some 1e-4."""
+    """|A| of two phase functions a ``tilt`` apart, 1 at 0: of all types of particle, by their shares, to some 1e-4."""
     if tilt == 0:
         return 1.0
     return abs(sum(share * _overlap(each, tilt) for each, share in scatterer.components))
 
 
 def _overlap(particle: Scatterer, tilt: float) -> complex:
-    """A(t) by nodes about one lobe, shared with those about the other by their distances squared: two equal halves."""
+    """A(t) from nodes about one phase function, weighted against those about the other by squared distances."""
     theta, weights = _quadrature()
     angle = (np.arange(_AROUND) + 0.5) * np.pi / _AROUND
     own = np.sin(theta / 2)[:, None] ** 2  # (1 - cos) / 2 from either axis, without cancellation
@@ -107,7 +109,7 @@ def _quadrature() -> tuple[np.ndarray, np.ndarray]:
 
 @remembered(64)
 def lobe_width(scatterer: Scatterer) -> float:
-    """Tilt in radians at which |A|^2 is 1/2: pi, and more than a lobe has, where it never falls so low."""
+    """Tilt in radians at which |A|^2 is 1/2: pi, and more than a phase function has, where it never falls so low."""
     return cached_result(float, ("width of a lobe", scatterer), lambda: _lobe_width(scatterer))
 
 
@@ -123,10 +125,11 @@ def _lobe_width(scatterer: Scatterer) -> float:
 
 
 def middle_light(scene: Scene) -> np.ndarray | None:
-    """The light float64[3] whose angles to the lobes all lights of path sums keep; None where each has its own.
+    """Light float64[3] whose angles to phase functions all lights of path sums keep; None if each has its own.
 
-    The direction in the middle of the lights, where they are apart beside narrow lobes in whose near field paths go on
-    (:mod:`specklegen.paths.kept_angles`), and near enough for slants and depths to stay. A film has that of its rest.
+    The direction in the middle of the lights, where they are apart beside narrow phase functions in whose near field
+    paths go on (:mod:`specklegen.paths.kept_angles`), and near enough for slants and depths to stay. A film has that of
+    its rest.
     """
     apart = _apart(scene)
     if apart is None or not apart[1].spurious or scene.polarisers is not None or scene.slab.indices:
@@ -138,9 +141,9 @@ def middle_light(scene: Scene) -> np.ndarray | None:
 
 
 def far_field_decision(scene: Scene) -> Decision | None:
-    """Decide how path sums of several tilts treat narrow lobes; a doubt where that loses what light keeps, else None.
+    """Decide how path sums of several tilts treat narrow phase functions; None where nothing is lost.
 
-    Views of one tilt do not matter: their grains are far finer than any lobe.
+    Views of one tilt do not matter: their grains are far finer than any phase function.
     """
     apart = _apart(scene)
     if apart is None or not apart[1].spurious:
@@ -161,7 +164,7 @@ def far_field_decision(scene: Scene) -> Decision | None:
 
 
 def _apart(scene: Scene) -> tuple[float, LobeLoss] | None:
-    """Largest distance of the lights, in sines, and what it makes of lobes; None where there is none to speak of."""
+    """Largest distance of the lights, in sines, and the loss that it causes; None where it is negligible."""
     if scene.medium.has_sides or scene.dimension == 2 or scene.illumination.near or len(scene.lights) < 2:
         return None
     if scene.slab.albedo == 0:

@@ -27,12 +27,12 @@ _PAIRS = 33  # distances of two beams at which lobes are compared
 
 
 def focus_loss(scene: Scene, reverse: bool, part: float = 1.0) -> float:
-    """Share of the light in the middle of a focus that path sums lose at most beside narrow lobes.
+    """Share of the light in the middle of a focus that path sums lose at most beside narrow phase functions.
 
     A spot is the transform of pairs of beams: H(t) of them are t apart, and keep K(t) = E[w J0(k t |R|)] / E[w], R from
-    where light enters to where it leaves. Of what scatters more than once, K_m, lobes that each beam meets at an angle
-    of its own leave |A(t)|^2 (:mod:`specklegen.paths.far_field`): int H K_m (1 - |A|^2) / int H K. ``part`` narrows the
-    cone of light; ``scene`` is seen from afar.
+    where light enters to where it leaves. Of what scatters more than once, K_m, phase functions that each beam meets at
+    an angle of its own leave |A(t)|^2 (:mod:`specklegen.paths.far_field`): int H K_m (1 - |A|^2) / int H K. ``part``
+    narrows the cone of light; ``scene`` is seen from afar.
     """
     light, wavelength = scene.illumination, scene.wavelength
     side = light.side(wavelength)  # type: ignore[attr-defined]
@@ -59,7 +59,7 @@ def focus_loss(scene: Scene, reverse: bool, part: float = 1.0) -> float:
 
 
 def narrow_lobes(scene: Scene, reverse: bool) -> list[Decision]:
-    """What path sums make of a focus, seen from afar, beside narrow lobes; refuse cones whose focus they widen."""
+    """Effect of path sums on a focus behind narrow phase functions; refuse cones whose focus they widen."""
     lit = scene.replace(illumination=scene.beams)
     decision = far_field_decision(lit)
     if decision is None or not decision.doubt or not len(scene.illumination.vectors):

@@ -20,7 +20,7 @@ TOLERANCE = 0.02
 
 @dataclass(frozen=True)
 class Gaussianity:
-    """Certificate of a stack, at the worst of a few lights and views.
+    """Gaussianity of a stack, at the worst of a few lights and views.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class PathMoments:
         return max(1, int(np.ceil(variance / rel_error**2)))
 
     def gaussianity(self, paths: int) -> Gaussianity:
-        """Return the certificate of a field of so many paths."""
+        """Return the Gaussianity of a field of so many paths."""
         if self.concentration == 0:
             return EXACT
         excess = (2 * self.relative_variance - self.concentration) / paths

@@ -70,7 +70,7 @@ class Ends(NamedTuple):
 
 @remembered(16)
 def _end_table(scatterer: Scatterer) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Angles, S1 and S2 of a particle at ends: at the nodes of its walks' lobe, and evenly between."""
+    """Angles, S1 and S2 of a particle at ends: at the nodes of its walks' phase function, and evenly between."""
     lobe = np.arccos(1 - walk_lobes(scatterer)[0].rows[:, lobes.NODE])
     theta = np.unique(np.concatenate([lobe, np.linspace(0, np.pi, 4097)]))
     return theta, *Ends((scatterer,), "vector").matrices(np.cos(theta))
@@ -111,7 +111,7 @@ def _parts(found: np.ndarray) -> np.ndarray:
 
 @remembered(32)
 def walk_matrices(ends: Ends) -> np.ndarray:
-    """S1 and S2 for walks through a slab, float64[n, 4] at the nodes of its lobe; no rows of the projector."""
+    """S1 and S2 for walks through a slab, float64[n, 4] at nodes of its phase function; no rows of the projector."""
     if ends.polarisation == "projector":
         return read_only(np.empty((0, 4)))
     (particle,) = ends.scatterers

@@ -32,8 +32,8 @@ class Layout:
     faces : Faces
         Of a slab; those of other media are matched.
     middle : float64[3] or None
-        The light whose angles to the particles' lobes all lights keep (:mod:`specklegen.paths.kept_angles`); None where
-        each has its own.
+        The light whose angles to the particles' phase functions all lights keep (:mod:`specklegen.paths.kept_angles`);
+        None where each has its own.
     polarised : Analysed or None
         Light and analyser of a polarised medium; None where light is a scalar.
     ways : Ways or None

@@ -1,4 +1,4 @@
-"""Scatterers as arrays: the tables that kernels read, of amplitudes for endpoints and of lobes for walks."""
+"""Scatterers as arrays: the tables that kernels read, of amplitudes for endpoints and of phase functions for walks."""
 
 import math
 from collections.abc import Callable
@@ -66,7 +66,7 @@ def _guide(nodes: np.ndarray) -> np.ndarray:
 
 @remembered(32)
 def walk_lobes(scatterer: Scatterer) -> tuple[Lobe, Lobe]:
-    """The lobes of a scatterer in three dimensions: to scatter by, and to draw first directions from.
+    """The phase functions of a scatterer in three dimensions: to scatter by, and to draw first directions from.
 
     The latter is never much narrower than Henyey and Greenstein's of the same g, so that lights beside the one that
     paths follow find no hole in it.
@@ -92,12 +92,12 @@ def walk_lobes(scatterer: Scatterer) -> tuple[Lobe, Lobe]:
 
 
 def common_lobe(materials: tuple[Scatterer, ...], dimension: int) -> Lobe | None:
-    """The lobe by which all of a medium scatters, where it has three dimensions and one material."""
+    """The phase function by which all of a medium scatters, where it has three dimensions and one material."""
     return walk_lobes(materials[0])[0] if dimension == 3 and len(materials) == 1 else None
 
 
 def closed_lobe(g: float) -> Lobe:
-    """Henyey and Greenstein's lobe, of arrays that are read-only as those of tables are: walks then compile once."""
+    """Henyey-Greenstein phase function as read-only arrays like those of tables: walks then compile once."""
     return Lobe(g, *map(read_only, (np.empty((0, 4)), np.empty(0, np.int32), np.zeros(2, np.int64))))
 
 

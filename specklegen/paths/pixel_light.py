@@ -10,7 +10,7 @@ and a pixel in the middle of a window of profile b sees of all N paths, entered 
 
 c_B the share of a patch that the window covers, b^2(x), and O the overlap of two patches of one path, 1 / A of one and
 the same. They are taken for Gaussians of the areas A that geometry and diffraction make of the part of the pupil that
-is lit (beside a wide pupil a lobe fills little of it),
+is lit (beside a wide pupil a phase function fills little of it),
 
     A = (int p)^2 / int (p^2 / J) + A_0 [int p / (int p^(1/2))^2] / [the same of the pupil],    J = |dx / ds|
 
@@ -58,7 +58,7 @@ class PupilViews(NamedTuple):
 
 
 def pupil_views(scene: Scene, lens: Lens) -> PupilViews:
-    """So many that neighbours are closer than the narrowest lobe is wide, within limits; on a sunflower's spiral."""
+    """Views on a sunflower spiral, closer together than the narrowest phase function is wide, within limits."""
     aperture, pupil = lens.camera.aperture, lens.camera.pupil
     width = min(lobe_width(each) for each in scene.volume.scatterers)
     count = int(np.clip(np.pi * (1.5 * aperture / width) ** 2, _FEWEST, _MOST))

@@ -54,7 +54,7 @@ def beam_proposal(
     medium: PlaneMedium, beams: CollimatedBeams, probes: np.ndarray, *, bidirectional: bool = False,
     ways: Ways | None = None,
 ) -> Proposal:  # fmt: skip
-    """Draw first vertices over the union of all tilts' footprints, first directions from the medium's lobe."""
+    """Draw first vertices over the union of all tilts' footprints, first directions from the phase function."""
     reference = reference_direction(beams.directions)
     if ways is None:
         drift = beams.directions[:, :2] / beams.directions[:, 2:] - reference[:2] / reference[2]

@@ -1,7 +1,8 @@
 """Rare paths of great weight: errors that rest on few of them are too low more often than not, and say so.
 
-Where a narrow lobe has turned by far more than its width, a path comes out of the scatterers' lobe about the view once
-in thousands, and then counts for thousands. What k such paths show of their variance is off by 1/sqrt(k) of it.
+Where a narrow phase function has turned by far more than its width, a path comes out of the scatterers' phase function
+about the view once in thousands, and then counts for thousands. What k such paths show of their variance is off by
+1/sqrt(k) of it.
 
 The phase function implies the variance, whatever the sample shows. A connection weighs w = rho(cos) towards the view,
 and light arrives evenly from all directions that a narrow phase function tells apart. So for any f of its place

@@ -44,8 +44,8 @@ def reversal_decision(
 ) -> Decision:
     """Reversed paths (coherent backscattering): needed near v = -i.
 
-    What they add is bounded from the lobe of the scatterers (:mod:`specklegen.paths.backscattering_wing`), at the pair
-    of light and view that is nearest to backscattering.
+    What they add is bounded from the phase function of the scatterers (:mod:`specklegen.paths.backscattering_wing`), at
+    the pair of light and view that is nearest to backscattering.
 
     Parameters
     ----------

@@ -9,8 +9,8 @@ makes the least work for an error, as a pilot that keeps all its connections kno
 
 (means over paths), is least. What is added to V counts twice, for the views that are not looked at.
 
-Between them a narrow lobe may make a connection R times as bright as at the nearest; kept by w / t it would be a rare
-one that outshines all others there, and those few would not know. The threshold is then 2R times lower
+Between them a narrow phase function may make a connection R times as bright as at the nearest; kept by w / t it would
+be a rare one that outshines all others there, and those few would not know. The threshold is then 2R times lower
 (:func:`between_probes`).
 """
 
@@ -48,7 +48,7 @@ _SLAB_CONNECTIONS = 2**23  # of all together: fewer than SLAB_PATHS from an opti
 def between_probes(
     scatterers: Sequence[Scatterer], dimension: Dimensions, views: np.ndarray, probes: np.ndarray
 ) -> float:
-    """Share of the threshold left where lobes are narrow beside gaps between probes: 1 up to R = 4, then 1 / 2R.
+    """Share of the threshold left for phase functions narrow beside gaps of probes: 1 up to R = 4, then 1 / 2R.
 
     Parameters
     ----------

@@ -208,7 +208,7 @@ def _factors(moments: np.ndarray) -> np.ndarray:
 
 
 def _moments(lobe: Lobe) -> np.ndarray:
-    """Legendre moments g_l float64[n] of a lobe as it is drawn from, g_0 = 1."""
+    """Legendre moments g_l float64[n] of a phase function as it is drawn from, g_0 = 1."""
     if not len(lobe.rows):
         return np.append(1.0, np.full(_MOMENTS - 1, lobe.g)).cumprod()
     x, w = gauss_legendre(4)

@@ -71,8 +71,8 @@ def slab_tracer(scene: Scene, reverse: bool, aside: bool = True) -> SlabTracer:
     """Tracer of beams through a slab.
 
     Polarised scenes have the same paths whatever light and analyser are: a seed is one medium.
-    Its roulette judges views as they are, or, where lights keep their angles to lobes, those ``aside`` too as which the
-    middle light sees them.
+    Its roulette judges views as they are, or, where lights keep their angles to phase functions, those ``aside`` too as
+    which the middle light sees them.
     """
     if scene.film:
         return _filming(slab_tracer(scene.at_rest, reverse, aside), scene)

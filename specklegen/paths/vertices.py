@@ -1,7 +1,7 @@
 """Paths of light that a slab sends straight back, with every one of their scatterings.
 
 A wide beam falls along the axis, and what leaves against it is seen place by place. Light moves sideways alike from
-everywhere, so that the same paths serve every place of the face: each is told from where it leaves. Photons are walked
+everywhere, so that the same paths serve every place of the face: each is counted where it leaves. Photons are walked
 in lock step; at each of its scatterings b one might leave, with
 
     w = albedo p(w_(b-1) . v) e^(-z_b / l),    v = (0, 0, -1)

@@ -1,4 +1,4 @@
-"""A plan: steps, idealisations with their reasons, and cost of a render; told in words by ``explain``."""
+"""A plan: steps, idealisations with their reasons, and cost of a render; stated in words by ``explain``."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -99,7 +99,7 @@ class Plan(Pictured):
 
     @property
     def paths(self) -> int:
-        """Paths to trace a realization ("paths"), or once ("stationary", "covariance"; 0 where the atlas serves)."""
+        """Paths to trace a realization ("paths"), or once ("stationary", "covariance"; 0 with a lookup table)."""
         return self.chosen.paths
 
     @property

@@ -93,8 +93,8 @@ class Slab(PlaneParallel):
         How the particles move (:class:`Brownian`, or a :class:`Motion` of one's own); by default they are at rest.
     polarisation
         "scalar": light has none. "projector": every scattering takes away what of the field lies along the new
-        direction, as particles of low contrast do, whose lobe is otherwise kept. "vector": by the particles' own
-        amplitudes S1 and S2 (:class:`Mie`, :class:`Rayleigh`). Known to :func:`memory_effect`,
+        direction, as particles of low contrast do, whose phase function is otherwise kept. "vector": by the particles'
+        own amplitudes S1 and S2 (:class:`Mie`, :class:`Rayleigh`). Known to :func:`memory_effect`,
         :func:`temporal_correlation`, :func:`mueller_matrix` and scenes with ``polarisers``; all else refuses it.
 
     Examples

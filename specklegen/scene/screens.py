@@ -109,7 +109,7 @@ class PhaseScreen(_Thin):
 
 
 class Ground(NamedTuple):
-    """What a grit is taken to leave on glass: rms height in micrometres, full width of the lobe in sines."""
+    """What a grit is taken to leave on glass: rms height in micrometres, full width of the scattered light in sines."""
 
     rms_height: float
     angle: float

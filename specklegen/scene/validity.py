@@ -85,7 +85,7 @@ def implausible_in(scene: Scene) -> list[str]:
 def idealisations(
     scene: Scene, *, refractive_index: float | None = None, band: bool = False, halves: int = 1
 ) -> list[Decision]:
-    """What a real set-up has and a scene leaves out, by the parts "faces", "polarisation", "bandwidth" and "iris".
+    """What a real set-up has and a scene leaves out, by the parts "faces", "polarisation", "bandwidth" and "aperture".
 
     Parameters
     ----------

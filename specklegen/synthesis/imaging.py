@@ -74,7 +74,7 @@ class Imaging:
     envelope : real[M, y, x]
         Window b(x), its squares of sum 1.
     object_rows, object_columns : complex[M, n, h], complex[M, w, m]
-        Transforms e^(ik i_j . s) of object pixels at the lags, of which n x m are told apart.
+        Transforms e^(ik i_j . s) of object pixels at the lags, of which n x m are distinguished.
     camera_rows : complex[M, T, H, n]
         Transform from lags to camera pixels.
     camera_columns : real[M, T, W, 2 m]

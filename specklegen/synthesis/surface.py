@@ -160,7 +160,7 @@ class SurfaceImaging:
         return self
 
     def contrast(self, light: torch.Tensor, media: object = None) -> torch.Tensor:  # noqa: ARG002 - there is one
-        """The contrast that is told, float64[B]."""
+        """The contrast that is stated, float64[B]."""
         return torch.full((len(light),), self.level, dtype=torch.float64, device=light.device)
 
     def media(self, streams: Streams) -> SurfaceMedia:

@@ -6,9 +6,9 @@ Plane waves of amplitude e^(kappa (i . i0 - 1)) about the direction i0, in phase
     c = kappa i0 + ik (x - p)
 
 an exact solution of Helmholtz' equation of value 1 at p, waist w0 = sqrt(2 kappa) / k and Rayleigh length kappa / k. A
-particle at x whose amplitude is that of a von Mises-Fisher lobe, e^(m (i . w - 1)), sends along w the same integral
-with m w added to c. Bar, Alterman, Gkioulekas, Levin, *Rendering Near-Field Speckle Statistics in Scattering Media*,
-ACM Trans. Graph. 39(6), 187 (2020).
+particle at x whose amplitude is that of a von Mises-Fisher phase function, e^(m (i . w - 1)), sends along w the same
+integral with m w added to c. Bar, Alterman, Gkioulekas, Levin, *Rendering Near-Field Speckle Statistics in Scattering
+Media*, ACM Trans. Graph. 39(6), 187 (2020).
 """
 
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Closed forms of thin screens: coherence, scattered lobe, and the generalised memory effect of a stack of them.
+"""Closed forms of thin screens: coherence, angular spectrum, and the generalised memory effect of a stack of them.
 
 A beam of sine i meets screens m = 1 ... M at distances D_m before the exit plane. Between its field and that of a beam
 of sine i' = i - delta, at points r apart on the exit plane, in the paraxial regime and up to phases,
@@ -13,8 +13,8 @@ n_m times, n_m a Poisson number of mean sigma_m^2, each time by a Gaussian angle
     f(p) K(p, a) = sum_n P(n) N(p; T) exp{ -ik p . c - k^2 V / 2 },     e_m = 2 n_m / (k xi_m)^2,  T = sum e_m,
     c = sum e_m a_m / T,     V = sum e_m |a_m|^2 - |sum e_m a_m|^2 / T                                             (2)
 
-N the normal density in the plane, n = 0 (the unscattered light) left out. Where all sigma_m >= 3 one lobe is left, e_m
-= theta_m^2: the fixed-view variance V of Osnabrugge et al., Optica 4, 886 (2017), in discrete form.
+N the normal density in the plane, n = 0 (the unscattered light) left out. Where all sigma_m >= 3 one component is left,
+e_m = theta_m^2: the fixed-view variance V of Osnabrugge et al., Optica 4, 886 (2017), in discrete form.
 """
 
 import math
@@ -202,7 +202,7 @@ class Lobes:
         return (correlation if which is None else correlation[which]).reshape(ways.shape[:-2])
 
     def _weights(self, sine: float) -> np.ndarray:
-        """P(n) N(p; T) of every term at |p| = ``sine`` over the largest: where lobes underflow, ratios do not."""
+        """P(n) N(p; T) of every term at |p| = ``sine`` over the largest: where components underflow, ratios do not."""
         exponent = np.where(self.shares > 0, -0.5 * sine**2 / self.variances, -np.inf)
         return self.shares * np.exp(exponent - exponent.max()) / (2 * np.pi * self.variances)
 
@@ -226,7 +226,7 @@ class Lobes:
 @with_units
 @remembered(64)
 def lobes(stack: ScreenStack, wavelength: Annotated[float, WAVELENGTH]) -> Lobes:
-    """The mixture of Gaussian lobes of a stack."""
+    """The mixture of Gaussian components of a stack."""
     wavenumber = 2 * np.pi / wavelength
     means = np.square(stack.phases(wavelength))
     counts, shares = _deflections(means)

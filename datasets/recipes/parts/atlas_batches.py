@@ -1,4 +1,4 @@
-"""The memory-effect atlas looked up for a batch of slabs: :mod:`specklegen.memory_effects.atlas` in torch."""
+"""The memory-effect lookup table for a batch of slabs: :mod:`specklegen.memory_effects.atlas` in torch."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,7 +11,7 @@ from specklegen.synthesis.fused import fused
 
 @dataclass(frozen=True)
 class AtlasTables:
-    """The atlas on a device.
+    """The lookup table on a device.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class AtlasTables:
 
 @lru_cache(maxsize=4)
 def atlas_tables(device: torch.device) -> AtlasTables:
-    """Bring the packaged atlas to a device."""
+    """Bring the packaged lookup table to a device."""
     atlas = load()
     put = lambda array: torch.from_numpy(array).to(device)  # noqa: E731
     x, y, z = (put(nodes) for nodes in atlas.axes)

@@ -1,7 +1,7 @@
-"""What differs from bench to bench and is told to nobody: the table ``[bench]`` of a recipe with hidden objects.
+"""What differs from setup to setup and is known to nobody: the table ``[bench]`` of a recipe with hidden objects.
 
-A network that is trained on one camera, one iris and one focus learns these too. Here each is drawn anew (Tobin et al.,
-IROS 2017: domain randomisation), for every sample, aperture and polarisation for every medium:
+A network that is trained on one camera, one aperture and one focus learns these too. Here each is drawn anew (Tobin et
+al., IROS 2017: domain randomisation), for every sample, aperture and polarisation for every medium:
 
     object   turned and magnified, as the camera shows it; the ``object`` of the sample is the one that appears
     light    the mean of the pattern along the way that it drifts within the exposure, blurred by a Gaussian;
@@ -48,7 +48,7 @@ _PLACES = ("drift_angle", "gradient_angle", "camera")
 
 
 class Bench(Value):
-    """What differs from bench to bench; every number a constant, a range or a choice.
+    """What differs from setup to setup; every number a constant, a range or a choice.
 
     Parameters
     ----------

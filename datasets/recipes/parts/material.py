@@ -96,13 +96,13 @@ class Material(Value):
         Paths from which the memory-effect correlation of each material is estimated; the relative error of C_I at
         half range is about sqrt(60 / kernel_paths).
     kernel
-        "estimate" traces those paths for every material; "atlas" takes the correlation from the table of materials
-        where its error of C_I is at most ``kernel_tolerance``, and traces (and keeps on disk) only the others. The
-        table holds slabs of matched faces: with a step, ask for "estimate". Left out, it is "estimate"; in recipes of
-        hidden objects and of tilts "atlas" where drawn Henyey-Greenstein slabs can be looked up.
+        "estimate" traces those paths for every material; "atlas" takes the correlation from the table of
+        materials where its error of C_I is at most ``kernel_tolerance``, and traces (and keeps on disk) only the
+        others. The table holds slabs of matched faces: with a step, ask for "estimate". Left out, it is "estimate"; in
+        recipes of hidden objects and of tilts "atlas" where drawn Henyey-Greenstein slabs can be looked up.
     kernel_tolerance
-        Stated error of C_I (two sigma) up to which the atlas will do. At the default it serves all but a few of a
-        thousand materials of its range; a fresh estimate that good takes some 1e5 paths.
+        Stated error of C_I (two sigma) up to which the lookup table will do. At the default it serves all but a few of
+        a thousand materials of its range; a fresh estimate that good takes some 1e5 paths.
     by_split
         One parameter that each split draws from a range of its own, within the range given here.
     """

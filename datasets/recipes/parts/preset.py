@@ -7,9 +7,9 @@ In TOML a ``[material]`` with a preset instead of a slab's numbers:
     thickness = 1000.0
     outside = 1.0                  # air, as by default; or "matched", without a step
 
-A number may be "range": it is then drawn from the range that the literature leaves. So may ``lobe``, a family of lobes
-that the material may have; the place in ``materials.about(name).lobes`` is then stored as ``preset_lobe``. The
-wavelength is that in vacuum, in micrometres; lengths of the recipe are in units of ``unit`` metres.
+A number may be "range": it is then drawn from the range that the literature leaves. So may ``lobe``, a family of phase
+functions that the material may have; the place in ``materials.about(name).lobes`` is then stored as ``preset_lobe``.
+The wavelength is that in vacuum, in micrometres; lengths of the recipe are in units of ``unit`` metres.
 """
 
 import math
@@ -69,7 +69,7 @@ def _read(table: Any) -> Any:
 
 
 def _lobe(name: str, value: Any) -> Any:
-    """Read a family of lobes, or a choice of all that a material may have: their places."""
+    """Read a family of phase functions, or a choice of all that a material may have: their places."""
     lobes = materials.about(name).lobes
     if value == "range" and lobes:
         return Choice(choice=tuple(map(float, range(len(lobes)))))
@@ -101,7 +101,8 @@ class PresetMaterial(Value):
     preset
         Name (alone, if a ``[lab]`` says the rest), wavelength (in vacuum, micrometres), ``unit`` (metres in a length
         of the recipe, 1e-6 by default), and the numbers of the preset; each may be a constant, a range, a choice, or
-        "range" for that of the literature; ``lobe`` is a family of lobes, or "range" for any that it may have.
+        "range" for that of the literature; ``lobe`` is a family of phase functions, or "range" for any that it may
+        have.
     thickness
         Of the slab.
     outside

@@ -65,7 +65,7 @@ class Lab(LabSetup):
     Parameters
     ----------
     profile
-        Shape of the illuminated part of the layer, ``aperture`` across: a round iris unless it is said.
+        Shape of the illuminated part of the layer, ``aperture`` across: a round aperture unless it is said.
     """
 
     profile: Profile = "disc"

@@ -1,4 +1,4 @@
-"""A net that takes noise off pictures, told what was measured or not: the prior of objects, and its posterior.
+"""A net that takes noise off pictures, given the measurement or not: the prior of objects, and its posterior.
 
 Flow matching (Lipman et al., ICLR 2023): between noise z and a picture u, brightness 0 to 1 as -1 to 1, lies
 
@@ -23,7 +23,7 @@ WAVES = 16  # sines and cosines of t
 
 
 class Residual(nn.Module):
-    """Two convolutions, their scale and offset between them told by a description float[B, d]."""
+    """Two convolutions, their scale and offset between them computed from a description float[B, d]."""
 
     def __init__(self, width: int, described: int) -> None:
         super().__init__()

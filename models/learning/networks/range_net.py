@@ -18,7 +18,7 @@ NUMBERS = 3
 
 
 def extents() -> np.ndarray:
-    """Extents whose probabilities are told, float64[BINS]."""
+    """Extents whose probabilities are predicted, float64[BINS]."""
     return np.geomspace(*EXTENTS, BINS)
 
 

@@ -3,8 +3,8 @@
     u_t(v) = E(v - i_t) F_t(v),     F_t(v) = sum_x b(x) G_t(x) e^(-ik(v - i_t) . x),     E[G_t G*_t'] = K(i_t - i_t')
 
 K is that of a fixed view: a mixture of Gaussians in the tilt, hence of exponentials in the square of the lateral walk r
-(:mod:`specklegen.theory.phase_screens`, Eq. 2). E is the root of the lobe f, and turns with the tilt: behind a thin
-medium the light stays about its beam. Its phase is that of the walk's mean, <R> = pivot (v - i).
+(:mod:`specklegen.theory.phase_screens`, Eq. 2). E is the root of the phase function f, and turns with the tilt: behind
+a thin medium the light stays about its beam. Its phase is that of the walk's mean, <R> = pivot (v - i).
 
 Of one weak screen alone the field is not circular: with S_+ and S_- the parts of f of even and odd order,
 

@@ -6,8 +6,8 @@ A move of the screens by s_m is to K, at a fixed view, what a tilt by delta_s is
     delta_s = sum_m e_m (D_m - <D>) s_m / sum_m e_m (D_m - <D>)^2
 
 with e_m and Eq. 2 of :mod:`specklegen.theory.phase_screens`. Of two screens that is exact and nothing rests: one that
-moves by s before another, d further on, is a tilt by s / d. Of more it holds where their lobes are strong, and
-:func:`film_error` says how far. The window lets in new parts of a pattern that moves: its overlap is what is kept.
+moves by s before another, d further on, is a tilt by s / d. Of more it holds where their phase functions are strong,
+and :func:`film_error` says how far. The window lets in new parts of a pattern that moves: its overlap is what is kept.
 """
 
 from typing import NamedTuple

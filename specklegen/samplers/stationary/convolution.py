@@ -119,7 +119,7 @@ class Complete:
 
 @remembered(64)
 def scene_loss(scene: Scene) -> tuple[float, float]:
-    """1 - C_I between the farthest corners of a scene's object, and its standard error: of the atlas, or of a pilot."""
+    """1 - C_I between the farthest corners of a scene's object, and its standard error: tabulated or by pilot."""
     return cached_result(tuple[float, float], ("loss over an object", scene), lambda: _scene_loss(scene))
 
 

@@ -1,11 +1,11 @@
-"""The envelope of narrow lobes: how the mean intensity changes over views, and turns with the tilt.
+"""The envelope of narrow phase functions: how the mean intensity changes over views, and turns with the tilt.
 
     u_t(v) = A(i_t, v) F_t(v),     ln A^2(i, v) = P(|i|^2, |v|^2, i . v)
 
 A slab is the same whichever way it is turned about its axis, so its mean intensity depends on those three alone. P has
 second degree in them and is fitted to what pilot paths find at a few lights and views, A being 1 where the correlation
-of the sampler is taken. Behind a narrow lobe P is about -|v - i|^2 / (2 theta^2): the light stays about its beam, as
-behind a thin screen (:mod:`specklegen.samplers.screens.correlation`); behind a thick slab the two part.
+of the sampler is taken. Behind a narrow phase function P is about -|v - i|^2 / (2 theta^2): the light stays about its
+beam, as behind a thin screen (:mod:`specklegen.samplers.screens.correlation`); behind a thick slab the two part.
 """
 
 from __future__ import annotations

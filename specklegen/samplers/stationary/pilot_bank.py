@@ -28,7 +28,7 @@ _AT_ONCE = 2**17
 class Pair(NamedTuple):
     """Two waves whose correlation is asked for: (light, view) and (light - tilt, other), in direction sines float64[2].
 
-    ``kept`` says whether light keeps its angle to lobes under the tilt (:mod:`specklegen.paths.kept_angles`).
+    ``kept`` says whether light keeps its angle to phase functions under the tilt (:mod:`specklegen.paths.kept_angles`).
     """
 
     view: np.ndarray
@@ -94,7 +94,7 @@ class PilotBank:
         return out
 
     def is_rigid_shift(self, light: np.ndarray) -> bool:
-        """Return whether a tilt to these sines moves all light by as much: lobes do not stay behind (physics.md 10)."""
+        """Return whether a tilt to these sines moves all light equally, phase functions included (physics.md 10)."""
         return keeps_angle(self.scene, np.hypot(*(light - self.light[:2])))
 
     def _seen(self, light: np.ndarray, sines: np.ndarray) -> Layout:
@@ -138,5 +138,5 @@ class PilotBank:
 
 
 def keeps_angle(scene: Scene, tilt: float) -> bool:
-    """Return whether light keeps its angle to lobes under a tilt, in sines."""
+    """Return whether light keeps its angle to phase functions under a tilt, in sines."""
     return lobe_loss(scene.slab, scene.wavelength, float(tilt)).spurious

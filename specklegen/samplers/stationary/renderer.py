@@ -56,7 +56,7 @@ class Prepared:
     scene, paths, form, complete, streamed, envelope, maps
         As of :class:`~specklegen.samplers.stationary.sampler.Stationary`.
     tabulated : bool
-        Whether the atlas has the memory-effect correlation.
+        Whether the lookup table has the memory-effect correlation.
     """
 
     scene: Scene

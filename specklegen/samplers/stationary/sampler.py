@@ -1,7 +1,7 @@
 """The stationary sampler: the memory-effect correlation once, then one transform per realization.
 
-Where narrow lobes keep light about its beam, each field is multiplied by an envelope that turns with the tilt; the
-image of a hidden object is a sum of images under maps that make up the envelope of every pixel.
+Where narrow phase functions keep light about its beam, each field is multiplied by an envelope that turns with the
+tilt; the image of a hidden object is a sum of images under maps that make up the envelope of every pixel.
 """
 
 from dataclasses import dataclass, field, replace
@@ -53,7 +53,7 @@ class Stationary(MediaSampler, name="stationary"):
     Attributes
     ----------
     paths : int
-        Paths that estimate the memory-effect correlation, once for a medium; 0 where the atlas has it.
+        Paths that estimate the memory-effect correlation, once for a medium; 0 where the lookup table has it.
     form : "axial", "oblique" or "averaged"
         The correlation of the axis, about the middle of the beams and views, or over the camera's directions; recipes
         are drawn under the brightness of each direction as well where it is the last.
@@ -66,7 +66,7 @@ class Stationary(MediaSampler, name="stationary"):
     maps : ObjectMaps or None
         The same over a hidden object and its camera.
     tabulated : Errors or None
-        What the atlas states of its correlation, where it is taken from there.
+        What the lookup table states of its correlation, where it is taken from there.
     """
 
     scene: Scene
@@ -122,7 +122,7 @@ class Stationary(MediaSampler, name="stationary"):
 
     @property
     def expected_error(self) -> float:
-        """Larger one of the intensity scale's relative standard error, or what the atlas states, and that of K."""
+        """Larger one of the relative standard errors of the intensity scale (or the lookup table's) and of K."""
         scale = 0.0 if self.tabulated is None else self.tabulated.intensity
         if self.tabulated is None:
             scale = float(np.sqrt(self.pilot.moments.relative_variance / self.paths))
@@ -133,7 +133,7 @@ class Stationary(MediaSampler, name="stationary"):
         """Standard error of the correlation of fields under two tilts, at most; 0 of one tilt.
 
         All seeds share K, a mean of phasors with the weights of so many paths: where it is next to 0, its variance is
-        that of E w^2 / (N (E w)^2). The atlas states what |K|^2 is off.
+        that of E w^2 / (N (E w)^2). The lookup table states what |K|^2 is off.
         """
         if self.complete or len(self.scene.beams.directions) < 2:
             return 0.0
@@ -220,7 +220,7 @@ class Stationary(MediaSampler, name="stationary"):
 
 
 def _tabulated(scene: Scene, form: Form, tolerance: float) -> Errors | None:
-    """What the atlas states of a scene's correlation, where it has it within the tolerance: half of it for C_I.
+    """What the lookup table states of a scene's correlation, where it has it within the tolerance: half of it for C_I.
 
     The other half is that of the model.
     """
@@ -242,7 +242,7 @@ class _ImageWork:
 
 @remembered(16)
 def _expected_image(scene: Scene, complete: bool) -> _ImageWork:
-    """What the image of a scene's object takes: its modes are counted with K of the atlas or a pilot, or one."""
+    """What the image of a scene's object takes: its modes are counted with K of the lookup table or a pilot, or one."""
     return cached_result(_ImageWork, ("image of an object", scene, complete), lambda: _image_work(scene, complete))
 
 

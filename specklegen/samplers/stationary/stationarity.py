@@ -6,11 +6,12 @@ in {0, +-pi/W}, the exact correlation of pilot paths is compared with what the m
     C_exact = W^(kappa) E[sqrt(w_1 w_2) e^(-ik dv . r + ik(di_z z1 - dv_z(z_B - L)))] / sqrt(E w_1 E w_2)
     C_model = W^(kappa) K(di)
 
-(w_1 for both where segments are in the near field of a narrow lobe, :mod:`specklegen.paths.far_field`)
+(w_1 for both where segments are in the near field of a narrow phase function, :mod:`specklegen.paths.far_field`)
 with W^ the Fourier transform of the window's intensity and K either that of the axis or the oblique one about the
 middle of the beams and of the views. Intensities at these views, those of the outermost beams too, are compared with
 the one that the model has everywhere, or with its envelope (:mod:`specklegen.samplers.stationary.envelope`). Of a
-hidden object that has none, and whose lobes are one, the middle stands for all: its image is their sum. physics.md 9.
+hidden object that has none, and whose phase functions are one, the middle stands for all: its image is their sum.
+physics.md 9.
 """
 
 from dataclasses import dataclass, replace
@@ -222,8 +223,8 @@ def _probe_lights(scene: Scene, between: float | None) -> np.ndarray:
     """The middle of the beams, the one farthest from it, and the one farthest from that: float64[n, 2].
 
     Of a hidden object under an envelope those that lie ``between`` them and the middle, too, for its pixels are
-    everywhere. Of one without (None) the middle alone, where its lobes are one: one image adds up all of its beams,
-    whose lobes lie on either side of it.
+    everywhere. Of one without (None) the middle alone, where its phase functions are one: one image adds up all of its
+    beams, whose phase functions lie on either side of it.
     """
     directions = scene.beams.directions
     middle, sines = reference_direction(directions)[:2], directions[:, :2]

@@ -1,4 +1,4 @@
-"""The lobe of von Mises and Fisher, the Gaussian of the sphere."""
+"""The phase function of von Mises and Fisher, the Gaussian of the sphere."""
 
 import math
 from typing import Literal
@@ -13,7 +13,7 @@ from specklegen.scene.scatterers.scatterer import Dimensions, Row, _WithAnisotro
 
 
 class VonMisesFisher(_WithAnisotropy):
-    """A lobe that is Gaussian where it is narrow: rho proportional to e^(kappa cos), in 3D and in flatland.
+    """A phase function that is Gaussian where it is narrow: rho proportional to e^(kappa cos), in 3D and in flatland.
 
     The amplitude is its root, real and positive.
 
@@ -21,7 +21,7 @@ class VonMisesFisher(_WithAnisotropy):
     ----------
     concentration
         kappa, about one over the variance of the angle along one axis; above 0 and at most 1e10: a narrower
-        lobe has no room between the cosine's roundings.
+        phase function has no room between the cosine's roundings.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class VonMisesFisher(_WithAnisotropy):
 
 
 def _bins(concentration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Bins of a von Mises lobe, up to the angle beyond which less than e^-100 of it is left.
+    """Bins of a von Mises phase function, up to the angle beyond which less than e^-100 of it is left.
 
     So narrow that five points of Gauss and Legendre find the place in a bin to 2e-14, but for the last 3e-9 of the
     light at either side (2e-11 at the very edge).

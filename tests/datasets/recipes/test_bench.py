@@ -189,7 +189,7 @@ def test_what_is_not_modelled_is_refused(name, changes, message):
 
 def test_no_verdict_is_given_on_benches_that_differ():
     recipe = load_recipe("through-slab", SMALL | {"bench": {"blur": {"uniform": [0.0, 2.0]}}})
-    assert_refused(lambda: recoverable(recipe), "recoverable recipe must be without a bench")
+    assert_refused(lambda: recoverable(recipe), "recoverable recipe must be without the table `bench`")
 
 
 def test_the_packaged_bench_is_as_it_is_said():
