@@ -6,7 +6,7 @@ from specklegen.datasets import load_recipe, recipe_names
 
 KIN = {"any-object": "unknown-slab", "characters-of-new-fonts": "unknown-slab", "one-angular-size": "unknown-slab",
        "unseen-material": "unknown-slab", "through-slab-lab": "through-slab", "brownian-slab": "dynamic-slab",
-       "ground-glass-bench": "ground-glass",
+       "ground-glass-bench": "ground-glass", "tissue-bench": "unknown-slab",
        "registered-tilts": "material-regression", "star-behind-slab": "masked-light-slab",
        "tissue-microscope": "refocus-stack", "wide-field": "unknown-slab",
        "points-beyond-range": "unknown-slab", "screen-stack": "double-diffuser"}  # fmt: skip
@@ -20,7 +20,8 @@ def packaged(which=lambda name: True):
 
 
 SMALLER = {"flow-vessel": {"camera": {"shape": [32, 32]}, "exposures": {"durations": [2e-4, 1e-3]}},
-           "ground-glass-bench": {"camera": {"shape": [96, 96]}}, "refocus-stack": {"lens": {"planes": 2}}}  # fmt: skip
+           "ground-glass-bench": {"camera": {"shape": [96, 96]}},
+           "tissue-bench": {"camera": {"shape": [200, 200]}}, "refocus-stack": {"lens": {"planes": 2}}}  # fmt: skip
 """Changes of recipes whose images take long: fewer pixels, exposures or planes."""
 
 
