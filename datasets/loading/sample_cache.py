@@ -11,15 +11,16 @@ from typing import Any
 import numpy as np
 
 from specklegen.core.arguments import whole_number
-from specklegen.core.errors import warn_user
+from specklegen.core.errors import RuleError, warn_user
 from specklegen.datasets.sample_schema import Renderable
 from specklegen.datasets.store import metadata
 from specklegen.datasets.store.creation import grown, opened, tell_of_other_libraries
+from specklegen.datasets.store.files import reaching
 from specklegen.datasets.store.filling import add_samples, stored_columns
 from specklegen.datasets.store.identity import identity
 from specklegen.datasets.store.places import is_remote, place_of, stored_bytes
 from specklegen.datasets.store.reading import SampleReader, Stored
-from specklegen.datasets.store.shards import UnlistedSample
+from specklegen.datasets.store.shards import DamagedShard, UnlistedSample
 from specklegen.datasets.store.store import Store
 
 LEAST_SHARD = 16
@@ -90,24 +91,28 @@ class SampleCache:
         return rendered if not there else self._joined(indices, there, rendered)
 
     def _read(self, indices: Sequence[int]) -> dict[int, Stored]:
-        """Read those that are there and sound; damaged ones are rendered, and written, anew."""
+        """Read those that are there and sound; damaged ones are rendered, and written, anew.
+
+        Where an address gives no answer, the others are rendered.
+        """
         there: dict[int, Stored] = {}
         listed: dict[int, np.ndarray] = {}
         try:
-            if max(indices) >= self._store.samples:
-                self._use(Store(self.folder))  # another process may have made room
-        except (OSError, ValueError):
-            return there
-        for index in indices:
-            shard, row = divmod(index, self._store.shard_samples)
-            if index >= self._store.samples or not listed.get(shard, {row: True})[row]:
-                continue
-            try:
-                there[index] = self._reader.read(index)
-            except UnlistedSample:
-                listed[shard] = self._store.valid_in(shard)
-            except (OSError, LookupError):
-                continue
+            with reaching(self.folder):
+                if max(indices) >= self._store.samples:
+                    self._use(Store(self.folder))  # another process may have made room
+                for index in indices:
+                    shard, row = divmod(index, self._store.shard_samples)
+                    if index >= self._store.samples or not listed.get(shard, {row: True})[row]:
+                        continue
+                    try:
+                        there[index] = self._reader.read(index)
+                    except UnlistedSample:
+                        listed[shard] = self._store.valid_in(shard)
+                    except (DamagedShard, LookupError, FileNotFoundError):
+                        continue
+        except (RuleError, DamagedShard) as error:
+            self._end(str(error))
         return there
 
     def _joined(self, indices: Sequence[int], there: dict[int, Stored], rendered: dict[str, Any]) -> dict[str, Any]:
@@ -148,6 +153,8 @@ class SampleCache:
             self._end(f"{type(error).__name__}: {error}")
 
     def _end(self, reason: str) -> None:
+        if self._ended:
+            return
         self._ended = True
         warn_user(f"Nothing more is cached in {self.folder}: {reason}. Samples that are not there are rendered.")
 

@@ -219,6 +219,27 @@ def test_an_address_is_a_cache_too(tmp_path, request):
     fsspec.filesystem("memory").rm(f"/{request.node.name}", recursive=True)
 
 
+@pytest.mark.parametrize("error", [type("EndpointConnectionError", (Exception,), {}), ConnectionRefusedError])
+def test_an_address_that_gives_no_answer_ends_the_writing_and_not_the_training(monkeypatch, request, error):
+    fsspec, upath = pytest.importorskip("fsspec"), pytest.importorskip("upath", reason="needs the extra remote")
+    place, system = upath.UPath(f"memory://{request.node.originalname}/a.zarr"), fsspec.get_filesystem_class("memory")
+    plain, read = SpeckleStream(FakeRecipe(samples=16), batch_size=4), system.cat_file
+    for answers in (3, 40, 60):
+        stream, left = SpeckleStream(FakeRecipe(samples=16), cache=place, batch_size=4), iter(range(answers))
+
+        def lost(self, *words, left=left, **options):
+            if next(left, None) is None:
+                raise error("Could not connect")
+            return read(self, *words, **options)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(system, "cat_file", lost)
+            with pytest.warns(DoubtWarning, match="Nothing more is cached.*Could not"):
+                assert_batches(stream, plain, epochs=2)
+        assert verify(place).sound
+    place.fs.rm(f"/{request.node.originalname}", recursive=True)
+
+
 @pytest.mark.parametrize("split", ["train", "validation"])
 def test_a_recipe_of_the_gallery_keeps_its_bits(tmp_path, split):
     recipe = quick_recipe("through-slab", samples={"train": 6, "validation": 6})
