@@ -97,24 +97,17 @@ def test_incoherent_light_is_refused(length):
 
 
 # Rendered contrast
-@pytest.fixture(scope="module")
-def narrow():
+def narrow(sampler: Sampler, paths: int, many: int):
     """Isotropic scatterers under a window of four thicknesses, where the memory effect is as narrow as a grain."""
     width = 4 * MILK.thickness
-    source = gaussian_schell_object(WAVELENGTH, 0.5 * width, width)
-    samplers: tuple[tuple[Sampler, int, int], ...] = (("paths", PATHS, 5), ("stationary", 20_000, 8))
-    stacks = {
-        sampler: render_partially_coherent(scene(MILK, width), 0.5 * width, sampler=sampler, paths=paths,
-                                           realizations=REALIZATIONS * many, threads=1)
-        for sampler, paths, many in samplers
-    }  # fmt: skip
-    return source, width, stacks
+    stack = render_partially_coherent(scene(MILK, width), 0.5 * width, sampler=sampler, paths=paths,
+                                      realizations=REALIZATIONS * many, threads=1)  # fmt: skip
+    return gaussian_schell_object(WAVELENGTH, 0.5 * width, width), width, stack.intensity[:, 0]
 
 
 @pytest.mark.slow
-def test_contrast_of_paths_is_that_of_the_source_whatever_the_memory_effect(narrow):
-    source, width, stacks = narrow
-    images = stacks["paths"].intensity[:, 0]
+def test_contrast_of_paths_is_that_of_the_source_whatever_the_memory_effect():
+    source, width, images = narrow("paths", PATHS, 5)
     value, error = autocovariance(images)
     law = 1 / effective_source_modes(source.brightness, source.pitch, WAVELENGTH, width)
     extra = excess(source, MILK, width)
@@ -124,10 +117,9 @@ def test_contrast_of_paths_is_that_of_the_source_whatever_the_memory_effect(narr
         assert_z(value, model + extra, error, degrees=len(images) - 1)
 
 
-def test_contrast_of_the_stationary_model_is_lower_there(narrow):
+def test_contrast_of_the_stationary_model_is_lower_there():
     """Its beams are correlated by K at equal views: what the planner's criterion holds against narrow windows."""
-    source, width, stacks = narrow
-    images = stacks["stationary"].intensity[:, 0]
+    source, width, images = narrow("stationary", 20_000, 4)
     value, error = autocovariance(images)
     # 2 % for the Karhunen-Loeve modes' tolerance (1 % of the field's power) and the grid's cells at the edges.
     model = literal_autocovariance(source, MILK, width, [0], model=True)

@@ -119,6 +119,7 @@ def test_engine_agrees_with_algorithm_1_precisely(precise):
     assert_same_covariance(engine, transcribed_covariances(scene, paths=10_000))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [1.03, 0.97, 1 / (4 * np.pi)])
 def test_a_wrong_weight_of_multiple_scattering_is_caught(precise, error):
     """3 % either way, and the 4 pi that the printed algorithms lack."""

@@ -124,6 +124,7 @@ def test_no_certificate_for_what_is_no_speckle(judged):
         assert (one.probability is None) == (first in ("no speckle of this setup", "No confidence"))
 
 
+@pytest.mark.slow
 def test_scores_order_them(judged):
     """Area under the curve: 0.998 over 770 images; here one of eleven may lie below all speckle (0.91). One blurred
     picture scores 3, within speckle's 0.6 to 5.5, and elsewhere less: last digits decide where."""

@@ -40,7 +40,9 @@ def moments(fields, tilted):
     return np.array(found).T
 
 
-@pytest.fixture(scope="module", params=["apart", "together", "against a tilt"])
+@pytest.fixture(scope="module", params=[
+    pytest.param("apart", marks=pytest.mark.slow), "together", pytest.param("against a tilt", marks=pytest.mark.slow),
+])  # fmt: skip
 def both(request):
     """Moments [R, n] by waves and by the sampler: screens that move apart; together, out of the window; as tilts do."""
     stack = {"apart": APART, "together": TOGETHER, "against a tilt": AGAINST}[request.param]
@@ -59,7 +61,6 @@ def assert_same(one, two, slack):
         assert_z(a.mean(axis=0), b.mean(axis=0), error + 1e-12, degrees=len(a) - 1, slack=slack)
 
 
-@pytest.mark.slow
 def test_films_have_the_moments_of_waves(both):
     exact, drawn = both
     # Paraxial, as for tilts: half a per cent of the walk and of the lobe.

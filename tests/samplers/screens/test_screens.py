@@ -32,7 +32,7 @@ def moments(fields):
     return np.array([*found, mirrored[:, off].mean(-1)]).T
 
 
-@pytest.fixture(scope="module", params=["double", "weak"])
+@pytest.fixture(scope="module", params=[pytest.param("double", marks=pytest.mark.slow), "weak"])
 def both(request):
     """Moments [R, n] by waves and by the sampler."""
     stack = DOUBLE if request.param == "double" else WEAK.stack
@@ -52,7 +52,6 @@ def assert_same_means(one, two, slack):
         assert_z(a.mean(axis=0), b.mean(axis=0), error, degrees=len(a) - 1, slack=slack)
 
 
-@pytest.mark.slow
 def test_fields_have_the_moments_of_waves(both):
     _, exact, drawn = both
     # Paraxial: angles of .06 lengthen the walk by 3 angle^2 / 2, half a per cent, and the lobe by as much.
