@@ -57,3 +57,8 @@ def chance(answers: list[Tensor], objects: Tensor, partner: np.ndarray) -> dict[
         name: score(moved, target[..., :rows, :columns]).clamp(max=PERFECT).double().numpy()
         for name, score in SCORES.items()
     }
+
+
+def above_chance(score: float, by_chance: float) -> float:
+    """Share of what chance leaves that a score gains: (r - chance) / (1 - chance), 0 of chance and 1 of the object."""
+    return (score - by_chance) / (1 - by_chance) if by_chance < 1 else float("nan")

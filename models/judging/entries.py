@@ -13,6 +13,7 @@ from specklegen.core.display.escape import cell
 from specklegen.core.errors import reject
 from specklegen.core.tables import json_table, read_text
 from specklegen.core.values import Finite, PositiveInt, Value, broken_rules
+from specklegen.models.judging.chance import above_chance
 from specklegen.models.judging.tasks import TASKS, VERSION, complete_run, counted_tasks, task
 
 if TYPE_CHECKING:
@@ -171,15 +172,17 @@ def table(entries: list[Entry]) -> str:
     """
     heads = [each.name for each in TASKS if any(each.name in one.tasks for one in entries)]
     lines = [
-        f"| method | C_I | mean (chance) | PSNR, dB | SSIM | {' | '.join(map(cell, heads))} |",
-        "|---" * (5 + len(heads)) + "|",
+        f"| method | C_I | mean (chance) | above chance | PSNR, dB | SSIM | {' | '.join(map(cell, heads))} |",
+        "|---" * (6 + len(heads)) + "|",
     ]
     for one in sorted(entries, key=lambda each: (not each.complete, -_mean(each, "pearson", "mean"), each.name)):
         cells = [_of_task(one, name) for name in heads]
         mean, chance = (_mean(one, "pearson", what) for what in ("mean", "chance"))
         decibels, structure = (_mean(one, score, "mean") for score in ("psnr", "ssim"))
+        shares = [above_chance(each.pearson.mean, each.pearson.chance) for each in _counted(one)]
         note = "" if one.complete else " *"
-        told = [cell(one.name) + note, "yes" if one.memory_effect else "no", f"{mean:.3f} ({chance:.3f})"]
+        share = f"{sum(shares) / len(shares):.3f}"
+        told = [cell(one.name) + note, "yes" if one.memory_effect else "no", f"{mean:.3f} ({chance:.3f})", share]
         lines.append(f"| {' | '.join([*told, f'{decibels:.1f}', f'{structure:.3f}', *cells])} |")
     if any(not one.complete for one in entries):
         lines += ["", "\\* not complete: the mean is over what was asked; a number in brackets behind a score says on "
@@ -188,9 +191,14 @@ def table(entries: list[Entry]) -> str:
 
 
 def _mean(one: Entry, score: str, what: str) -> float:
-    counted = counted_tasks(one.tasks) if one.version == VERSION else one.tasks
-    values = [getattr(getattr(one.tasks[name], score), what) for name in counted]
+    values = [getattr(getattr(scores, score), what) for scores in _counted(one)]
     return sum(values) / len(values)
+
+
+def _counted(one: Entry) -> list[OfTask]:
+    """Scores of the tasks that the mean is of."""
+    names = counted_tasks(one.tasks) if one.version == VERSION else one.tasks
+    return [one.tasks[name] for name in names]
 
 
 def _of_task(one: Entry, name: str) -> str:

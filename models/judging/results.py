@@ -11,6 +11,7 @@ import numpy as np
 from specklegen.core.display.escape import cell, csv_cell
 from specklegen.core.display.plot import Pictured
 from specklegen.core.errors import counted
+from specklegen.models.judging.chance import above_chance
 from specklegen.models.judging.entries import entry, write_entry
 from specklegen.models.judging.evaluation import Evaluation
 from specklegen.models.judging.tasks import VERSION, complete_run, counted_tasks, task
@@ -183,14 +184,16 @@ class Results(Pictured):
             return []
         lines = [
             "", "Means over tasks after the same shift and turn, and (chance) what the same answers score for other "
-            "images' objects:", "", f"| function | {' | '.join(SHOWN.values())} |", "|---" * (1 + len(SHOWN)) + "|",
+            "images' objects. Above chance: the share (r - chance) / (1 - chance), of Pearson's r.", "",
+            f"| function | {' | '.join(SHOWN.values())} | above chance |", "|---" * (2 + len(SHOWN)) + "|",
         ]  # fmt: skip
         for name in known:
             tasks = [task for task in counting if (task, name) in self.chances]
             means = [np.mean([self.interval(name, task, score).mean for task in tasks]) for score in SHOWN]
             chances = [np.mean([self.chance(name, task, score) for task in tasks]) for score in SHOWN]
             cells = [DIGITS[score].format(a, b) for score, a, b in zip(SHOWN, means, chances, strict=True)]
-            lines.append(f"| {cell(name)} | {' | '.join(cells)} |")
+            share = np.mean([above_chance(self.interval(name, task).mean, self.chance(name, task)) for task in tasks])
+            lines.append(f"| {cell(name)} | {' | '.join(cells)} | {share:.3f} |")
         return lines
 
     def _families(self) -> list[str]:

@@ -17,6 +17,7 @@ from specklegen.datasets.loading.stream import tensors
 from specklegen.models import benchmark
 from specklegen.models.judging import baselines
 from specklegen.models.judging.benchmark import BASELINES, TOLD, blinded
+from specklegen.models.judging.chance import above_chance
 from specklegen.models.judging.fitted import fitted
 from specklegen.models.judging.isolation import Limits
 from specklegen.models.judging.results import DIGITS, SHOWN
@@ -251,7 +252,9 @@ def test_scores_stand_beside_their_chance(found, tmp_path):
         assert results.interval("knows", "thin", score).low > results.chance("knows", "thin", score)
     told = " | ".join(DIGITS[score].format(results.interval("knows", "thin", score).mean,
                                            results.chance("knows", "thin", score)) for score in SHOWN)  # fmt: skip
-    assert f"| knows | {told} |" in results.markdown()
+    assert f"| knows | {told} | 1.000 |" in results.markdown()
+    assert above_chance(0.8, 0.5) == pytest.approx(0.6)  # by hand
+    assert re.search(r"\| mean image \|.*\| -?0.000 \|\n", results.markdown())
     rows = [row for row in results.rows() if row["method"] == "knows"]
     told = {(row["target"], row["score"]): row["chance"] for row in rows}
     assert told["sharp", "ssim"] == results.chance("knows", "thin", "ssim")
