@@ -37,19 +37,26 @@ def hidden_object_sheet(samples: Sequence[Mapping[str, Any]], out: Path) -> Path
     Parameters
     ----------
     samples
-        With "object" [h, w], "image" [H, W] and "parameters" (object_pitch, camera_pitch).
+        With "object" [h, w], "image" [H, W] and "parameters" (object_pitch, camera_pitch); of a
+        coherent object no object_pitch, and no autocorrelations are shown.
     out
         PNG to write.
     """
-    figure, axes = _figure(4, len(samples), 1.5, 1.6)
+    incoherent = "object_pitch" in samples[0]["parameters"]  # else the autocorrelation is not the object's
+    figure, axes = _figure(4 if incoherent else 2, len(samples), 1.5, 1.6)
     for column, sample in enumerate(samples):
         hidden, image = np.asarray(sample["object"]), np.asarray(sample["image"], dtype=np.float64)
+        low, high = (float(level) for level in np.percentile(image, [0.5, 99.5]))
+        if not incoherent:
+            _show(axes[0, column], hidden, "coherent object" if column == 0 else "", low=0, high=1)
+            _show(axes[1, column], image, "camera image" if column == 0 else "", low=low, high=high)
+            continue
         scale = float(sample["parameters"]["object_pitch"]) / float(sample["parameters"]["camera_pitch"])
         half = min(round(scale * max(hidden.shape)), min(image.shape) - 1)
         window = _middle(autocorrelation(image), half)
         truth = _middle(autocorrelation_of_object(hidden), round(half / scale))
         rows = (
-            (hidden[::-1, ::-1], "object, turned", 0, 1), (image, "camera image", *np.percentile(image, [0.5, 99.5])),
+            (hidden[::-1, ::-1], "object, turned", 0, 1), (image, "camera image", low, high),
             (window, "its autocorrelation", 0, 0.7), (truth, "the object's", 0, 0.7),
         )  # fmt: skip
         for axis, (picture, title, low, high) in zip(axes[:, column], rows, strict=True):

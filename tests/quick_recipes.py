@@ -6,7 +6,7 @@ from specklegen.datasets import load_recipe, recipe_names
 
 KIN = {"any-object": "unknown-slab", "characters-of-new-fonts": "unknown-slab", "one-angular-size": "unknown-slab",
        "unseen-material": "unknown-slab", "through-slab-lab": "through-slab", "brownian-slab": "dynamic-slab",
-       "ground-glass-bench": "ground-glass", "tissue-bench": "unknown-slab",
+       "ground-glass-bench": "ground-glass", "tissue-bench": "unknown-slab", "coherent-phase": "coherent-digits",
        "registered-tilts": "material-regression", "star-behind-slab": "masked-light-slab",
        "tissue-microscope": "refocus-stack", "wide-field": "unknown-slab",
        "points-beyond-range": "unknown-slab", "screen-stack": "double-diffuser"}  # fmt: skip

@@ -2,7 +2,7 @@
 
 Fields are in :mod:`specification`, media in :mod:`media`, the making of batches in :mod:`generator`; here are samples,
 and media one by one. The physics of each kind is in a file of its own: :mod:`tilt_stack`, :mod:`hidden_object`,
-:mod:`partially_coherent`, :mod:`masked_light`.
+:mod:`partially_coherent`, :mod:`masked_light`, :mod:`coherent_object`.
 """
 
 from collections.abc import Callable, Sequence

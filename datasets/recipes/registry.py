@@ -9,6 +9,7 @@ from specklegen.core.errors import RuleError, reject
 from specklegen.core.quantities import with_texts
 from specklegen.core.registry import Registry, import_paths, imports_of, is_import_path, is_trusted
 from specklegen.datasets.recipes.analysed_object import AnalysedObject
+from specklegen.datasets.recipes.coherent_object import CoherentObjects
 from specklegen.datasets.recipes.contrast_map import ContrastMap
 from specklegen.datasets.recipes.exposure_stack import ExposureStack
 from specklegen.datasets.recipes.hidden_object import HiddenObject
@@ -25,7 +26,7 @@ from specklegen.datasets.recipes.written_units import in_pixels, plain
 
 PACKAGED: tuple[type[Recipe], ...] = (
     TiltStack, MaterialRegression, HiddenObject, PartiallyCoherent, MaskedLight, DynamicSlab, ExposureStack, TwoTilts,
-    VolumeStack, VolumeObject, LensStack, AnalysedObject, ContrastMap,
+    VolumeStack, VolumeObject, LensStack, AnalysedObject, ContrastMap, CoherentObjects,
 )  # fmt: skip
 """Kinds of this library; they are known, as those of users are, by being defined."""
 KINDS: Registry[type[Recipe]] = Recipe.registry

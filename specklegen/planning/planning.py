@@ -287,7 +287,12 @@ def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
         return _planned_focus(scene, budget, options)
     probe = scene.replace(illumination=light.outermost(scene.wavelength))  # type: ignore[attr-defined]
     judged = replace(
-        options, envelope=False, mean=False, walked=True, sampler="auto" if scene.thin is None else Screens
+        options,
+        envelope=False,
+        merged=False,
+        mean=False,
+        walked=True,
+        sampler="auto" if scene.thin is None else Screens,
     )
     if asked is not None:
         judged = replace(judged, sampler=asked)

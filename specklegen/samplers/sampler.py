@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from specklegen.instrument.lens import Lens
     from specklegen.scene.media import Slab
     from specklegen.scene.screens import ScreenStack
+    from specklegen.synthesis.coherent import WaveGrid
     from specklegen.synthesis.correlations import Correlations, FilmBatch, LightBatch, Places
     from specklegen.synthesis.sight import Sight
     from specklegen.synthesis.streams import Streams
@@ -173,6 +174,23 @@ class Contrast(Protocol):
         ...
 
 
+class Waves(NamedTuple):
+    """Plane waves of coherent objects before media.
+
+    Attributes
+    ----------
+    grid : WaveGrid
+    divisions : int
+        Views across a camera pixel.
+    ballistic : bool
+        Whether light that is not scattered reaches the camera.
+    """
+
+    grid: "WaveGrid"
+    divisions: int
+    ballistic: bool
+
+
 @dataclass(frozen=True)
 class MediaRequest:
     """M media that objects are looked at through, all asked of a sampler at once.
@@ -203,6 +221,8 @@ class MediaRequest:
         Of a camera with a lens: for each plane in focus one, all over the directions of the medium's scene.
     imager : Imager or None
         What draws the one medium, where its recipe has found that from the medium's paths already.
+    waves : Waves or None
+        Of coherent objects: plane waves whose fields add.
     """
 
     sight: "Sight"
@@ -217,6 +237,7 @@ class MediaRequest:
     film: "FilmBatch | None" = None
     planes: "tuple[Lens, ...]" = ()
     imager: "Imager | None" = None
+    waves: "Waves | None" = None
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 MODE_TOLERANCE = 1e-3
 """Share of the intensity that modes leave out, and that is put back evenly."""
-_NODES = 2048  # of tables over |q| and |p|
+_NODES = 512  # of tables over |q| and |p|
 _DIM = 1e-6  # of the light: what walks farther is left out
 
 Radial = Callable[[np.ndarray], np.ndarray]
@@ -92,6 +92,7 @@ class WaveGrid:
         rows, columns = self._waves
         return rows @ amplitudes.astype(np.complex64) @ columns.T
 
+    @cached_property
     def lateral(self) -> np.ndarray:
         """Return |q| float64[Y, X / 2 + 1] of a real transform over the period, radians per length."""
         y, x = self.axes
@@ -103,8 +104,9 @@ class WaveGrid:
 
         Cells are counted from the first of the window.
         """
-        spectrum = np.fft.rfft2(irradiance, s=self.period)
-        return np.maximum(np.fft.irfft2(spectrum * walk, s=self.period), 0.0).astype(np.float32)
+        spectrum = torch.fft.rfft2(torch.from_numpy(np.float32(irradiance)), s=self.period)
+        walked = torch.fft.irfft2(spectrum * torch.from_numpy(np.float32(walk)), s=self.period)
+        return walked.clamp_(min=0.0).numpy()
 
     @cached_property
     def _ramps(self) -> tuple[np.ndarray, np.ndarray]:

@@ -87,7 +87,7 @@ def test_modes_and_walks_are_the_double_sum_of_amplitudes_and_memory_effect(exte
     power = np.square(np.abs(amplitudes)).sum(axis=(1, 2)) * grid.side**2
     drawn = ManyObjects(grid, wave_modes(Tabulated([k]), grid), np.sqrt(grid.area))
     light = drawn.light(amplitudes).numpy()
-    walk = radial(k, grid.lateral())
+    walk = radial(k, grid.lateral)
     worst = {"modes": 0.0, "conjugate": 0.0, "complete": 0.0, "walk": 0.0}
     for n in range(len(objects)):
         norm = np.sqrt(power[0] * power[n])
@@ -116,7 +116,7 @@ def test_drawn_speckle_has_the_mean_and_the_contrast_of_its_light():
     objects, k = letters()[:2], correlation(3.0)
     grid, amplitudes = waves(objects, shape=(24, 24))
     power = np.square(np.abs(amplitudes)).sum(axis=(1, 2)) * grid.side**2
-    alone = one_object(grid, amplitudes[0], radial(k, grid.lateral()), 0.7)
+    alone = one_object(grid, amplitudes[0], radial(k, grid.lateral), 0.7)
     both = ManyObjects(grid, wave_modes(Tabulated([k]), grid), np.sqrt(0.7 * grid.area))
     light, seen = both.light(amplitudes), []
     for number in range(40):

@@ -7,6 +7,8 @@ is one product. Of a stack, light is carried to the plane at which its pattern s
 
 import numpy as np
 
+from specklegen.samplers.coherent_media import CoherentImaging, straight_waves
+from specklegen.samplers.sampler import MediaRequest
 from specklegen.samplers.screens.correlation import profile, screen_correlation
 from specklegen.scene.screens import ScreenStack
 from specklegen.synthesis.coherent import ManyObjects, WaveGrid, radial, wave_modes
@@ -51,3 +53,21 @@ def _carried(stack: ScreenStack, wavelength: float, grid: WaveGrid, walk_shares:
     square = np.square(grid.sines) + np.square(grid.sines)[:, None]
     cosines = np.sqrt(np.clip(1 - square, 0, None))
     return np.exp(-2j * np.pi / wavelength * (stack.distances[0] - pivot) * square / (1 + cosines))
+
+
+def coherent_imagings(request: MediaRequest) -> list[tuple[list[int], CoherentImaging]]:
+    """Prepare media of a recipe, behind which coherent objects are seen."""
+    waves, prepared = request.waves, []
+    assert waves is not None
+    for n, make in enumerate(request.media):
+        stack = make().stack
+        assert stack is not None
+        wavelength = waves.grid.wavelength
+        intensity = float(lobes(stack, wavelength).density(np.zeros(1))[0])
+        depth, thickness = stack.optical_depth(wavelength), float(stack.distances[0])
+        straight = straight_waves(waves.grid, depth, thickness, intensity) if waves.ballistic else None
+        many = behind_screens(stack, wavelength, waves.grid)
+        prepared.append(
+            ([n], CoherentImaging(waves.grid, waves.divisions, intensity, straight, many=many, shared=request.shared))
+        )
+    return prepared

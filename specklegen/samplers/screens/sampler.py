@@ -107,6 +107,10 @@ class Screens(MediaSampler, name="screens"):
 
     def prepare_media(self, request: MediaRequest) -> "list[tuple[list[int], Imaging]]":
         """Make media ready: fields as of a slab, under the envelope that each beam carries."""
+        if request.waves is not None:
+            from specklegen.samplers.screens.coherent import coherent_imagings
+
+            return coherent_imagings(request)  # type: ignore[return-value]
         from specklegen.samplers.screens.objects import screen_imagings
 
         return screen_imagings(request)

@@ -289,7 +289,7 @@ def coherent_renderer(prepared: Prepared, seed: Seed) -> CoherentRenderer:
         assert isinstance(correlation, MemoryEffectCorrelation)
         intensity = mean_intensity(correlation, 1.0)
         if len(amplitudes) == 1:
-            walk = radial(correlation, grid.lateral()) if intensity else np.ones(grid.lateral().shape)
+            walk = radial(correlation, grid.lateral) if intensity else np.ones(grid.lateral.shape)
             return one_object(grid, amplitudes[0], walk, intensity)
         modes = wave_modes(Tabulated([correlation]), grid)
         return ManyObjects(grid, modes, float(np.sqrt(intensity * grid.area)))

@@ -199,6 +199,10 @@ class Stationary(MediaSampler, name="stationary"):
 
     def prepare_media(self, request: MediaRequest) -> "list[tuple[list[int], Imaging]]":
         """Make media ready, whose memory effect is known."""
+        if request.waves is not None:
+            from specklegen.samplers.stationary.coherent import coherent_imagings
+
+            return coherent_imagings(request)  # type: ignore[return-value]
         from specklegen.samplers.stationary.wide_cameras import wide_imagings
         from specklegen.synthesis.imaging import imagings
 

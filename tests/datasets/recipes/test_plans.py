@@ -18,6 +18,7 @@ from specklegen.datasets.recipes.parts.sampler import NUMBERS
 from specklegen.datasets.recipes.parts.viewing import Viewing
 from specklegen.datasets.recipes.recipe import Recipe
 from specklegen.datasets.split import Purpose, substream
+from specklegen.samplers.coherent_media import CoherentImaging
 from specklegen.samplers.path_sums.media import PathImaging, division_weights
 from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.samplers.screens.sampler import Screens
@@ -66,6 +67,8 @@ def rendered(recipe):
     parameters, imaging = recipe.sample(0, "train", 0)["parameters"], recipe.prepare(0, "train", 0).imaging
     if isinstance(imaging, PathImaging | SurfaceImaging):
         return parameters, "paths"
+    if isinstance(imaging, CoherentImaging):
+        return parameters, "screens" if imaging.many is not None and imaging.many.spectrum is not None else "stationary"
     return parameters, "stationary" if imaging.polynomials is None else "screens"
 
 

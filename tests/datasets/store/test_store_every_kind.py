@@ -33,6 +33,7 @@ KINDS = {
     "analysed-object": ("polarised-tissue", SMALL | {"media": 1}),
     "partially-coherent": ("partially-coherent-slab", SMALL),
     "masked-light": ("masked-light-slab", SMALL),
+    "coherent-object": ("coherent-digits", SMALL | {"media": 2}),
     "exposure-stack": ("lsci-slab", SMALL),
     "contrast-map": ("flow-vessel", SMALL),
     "lens-stack": ("tissue-microscope", SMALL),
