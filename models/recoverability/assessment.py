@@ -59,7 +59,7 @@ _OWN = 0.01
 """Of the deviance, spread by which the solver's search ends elsewhere for another rounding; see docs/versioning.md."""
 _NO_SPECKLE = "no speckle of this setup"
 _UNLIKE = "No confidence"
-_TRY_OTHER = "judge the image by its deviance, by draws, and by images of known objects in the same setup"
+_TRY_OTHER = "compare the deviances, look at several draws, or test a known object in the same setup"
 _TAKE_OFF = "take off background and envelope; check window, slab, object pitch, polarisation, bandwidth of the setup"
 _TURN_SLOPE = 0.6
 """Logarithm of the odds that a spread of third order is worth, of the solver's images; see docs/notes/likelihood.md."""
@@ -348,7 +348,7 @@ def _certified(solution: Solution, third: Tensor, solver: Solver, seen: Periodog
         far = [] if solution.points[n] else torch.nonzero(certificate.unlike(evidence[n])).flatten().tolist()
         silent[n] = silent[n] or "; ".join(
             _beyond(names[k], float(evidence[n, k]), float(certificate.low[k]), float(certificate.high[k])) for k in far
-        ) or "points unlike all that it was fitted to"
+        ) or "the image is unlike all that the confidence is calibrated for"
     return solution, silent
 
 
@@ -357,7 +357,7 @@ def _beyond(name: str, value: float, low: float, high: float) -> str:
     plain = name.removeprefix("logarithm of the ")
     if plain != name:
         value, low, high = math.exp(value), math.exp(low), math.exp(high)
-    return f"{plain} {value:.3g}, fitted to {low:.3g} to {high:.3g}"
+    return f"{plain} is {value:.3g}; the confidence is calibrated for {low:.3g} to {high:.3g}"
 
 
 def _turns(
