@@ -20,7 +20,7 @@ BATCHES = 64
 THICKNESS, WIDTH = 20.0, 120.0  # wavelength 1: speckle is 1/120 wide, a backscattering cone at OD 2 about 0.02
 TILT = np.array([0.006, 0.001])  # of the second beam from the first
 SHIFTS = np.array([(0.0, 0.0), (0.003, 0.001), TILT])  # of the views, so that C is neither 0 nor I
-ENGINE_PATHS, TRANSCRIBED_PATHS = 16_000, 2000  # a batch; either leaves 0.1 to 0.5 % in an intensity
+ENGINE_PATHS, TRANSCRIBED_PATHS = 8000, 2000  # a batch; either leaves 0.1 to 0.7 % in an intensity
 
 
 def make_scene(side="transmission", *, g, optical_depth, albedo=0.9, base=0.0, offset=0.0):
@@ -110,7 +110,7 @@ def test_engine_agrees_with_algorithm_1_at_backscattering(g, optical_depth, base
 def precise():
     """A scene with mostly multiple scattering and its covariances by the engine, intensities to 0.1 %."""
     scene = make_scene(g=0.0, optical_depth=2.0)
-    return scene, engine_covariances(scene, paths=4 * ENGINE_PATHS)
+    return scene, engine_covariances(scene, paths=8 * ENGINE_PATHS)
 
 
 @pytest.mark.slow
@@ -192,9 +192,9 @@ def test_both_forms_of_the_naive_program_are_one_field():
 
 
 def test_rendered_intensity_is_absolute():
-    """The whole pipeline, 1024 media: each intensity is exponential, so this sees factors, not per cents."""
+    """The whole pipeline, 512 media: each intensity is exponential, so this sees factors, not per cents."""
     scene = make_scene(g=0.5, optical_depth=2.0)
-    fields = sg.render(scene, paths=64, seed=5, realizations=16 * BATCHES, sampler="paths", threads=1).field
+    fields = sg.render(scene, paths=64, seed=5, realizations=8 * BATCHES, sampler="paths", threads=1).field
     flat = fields.reshape(len(fields), -1).astype(complex)
     assert_same_covariance(field_covariances(flat), transcribed_covariances(scene))
 

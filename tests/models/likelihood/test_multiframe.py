@@ -3,6 +3,8 @@
 The images are made here, by a literal sum of a moved pattern over the pixels of objects.
 """
 
+from functools import cache
+
 import numpy as np
 import pytest
 import torch
@@ -56,22 +58,20 @@ def judged(found, light):
     return pearson(align(image, target), target).numpy(), ~alignment(image, target).flipped.numpy()
 
 
-@pytest.fixture(scope="module")
-def media():
-    """Objects, their images, and what was found, through each of some media."""
-    cases = []
-    for seed in range(MEDIA):
-        rng = np.random.default_rng(seed)
-        light = objects(rng)
-        images = seen(light, rng)
-        cases.append((light, images, multiframe_deconvolution(images, OPTICS, 16, starts=2)))
-    return cases
+@cache
+def medium(seed):
+    """Objects, their images, and what was found, through one medium."""
+    rng = np.random.default_rng(seed)
+    light = objects(rng)
+    images = seen(light, rng)
+    return light, images, multiframe_deconvolution(images, OPTICS, 16, starts=2)
 
 
 @pytest.mark.slow
-def test_objects_are_found_without_a_prior_and_the_right_way_up(media):
+def test_objects_are_found_without_a_prior_and_the_right_way_up():
     """Correlations beside those with the objects of the next medium, which are chance: two starts, not eight. The mean
     gain of a medium is above .4 by 4 standard errors. Upright are all: by chance in 2^-15."""
+    media = [medium(seed) for seed in range(MEDIA)]
     scores, upright = zip(*(judged(found, light) for light, _, found in media), strict=True)
     chance = [judged(found, media[(n + 1) % MEDIA][0])[0] for n, (*_, found) in enumerate(media)]
     gain = (np.array(scores) - np.array(chance)).mean(1)
@@ -79,9 +79,9 @@ def test_objects_are_found_without_a_prior_and_the_right_way_up(media):
     assert np.array(upright).all()
 
 
-def test_mirrored_images_are_of_mirrored_objects(media):
+def test_mirrored_images_are_of_mirrored_objects():
     """The camera's mirror image: what is found of it is the mirror image, and not as it was."""
-    light, images, _ = media[1]
+    light, images, _ = medium(1)
     mirrored = multiframe_deconvolution(images.flip(-1), OPTICS, 16, starts=2)
     straight, upright = judged(mirrored, light[..., ::-1].copy())
     assert upright.all()
@@ -105,15 +105,15 @@ def test_steps_between_camera_pixels_and_a_wrong_one():
     assert judged(wrong, light)[0].mean() < scores.mean() - 0.1
 
 
-def test_images_through_media_of_their_own_are_told(media):
+def test_images_through_media_of_their_own_are_told():
     rng = np.random.default_rng(9)
     light = objects(rng)
     found = multiframe_deconvolution(seen(light, rng, together=False), OPTICS, 16, starts=1)
-    assert found.explained < 0.6 < 0.85 < min(case.explained for *_, case in media)
+    assert found.explained < 0.6 < 0.85 < medium(1)[-1].explained
 
 
-def test_an_envelope_a_background_and_the_unit_of_light_change_little(media):
-    light, images, found = media[1]
+def test_an_envelope_a_background_and_the_unit_of_light_change_little():
+    light, images, found = medium(1)
     beam = torch.exp(-2 * ((torch.arange(CAMERA) - 50.0) / 150.0).square())
     lit = 40 * images * beam[:, None] * beam + 300
     assert lit.mean() > 2 * 300
