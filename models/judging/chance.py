@@ -60,5 +60,5 @@ def chance(answers: list[Tensor], objects: Tensor, partner: np.ndarray) -> dict[
 
 
 def above_chance(score: float, by_chance: float) -> float:
-    """Share of what chance leaves that a score gains: ``(r - chance) / (1 - chance)``, 0 of chance and 1 of the object."""
+    """Return the skill of a score, ``(r - chance) / (1 - chance)``: 0 for chance, 1 for the object."""
     return (score - by_chance) / (1 - by_chance) if by_chance < 1 else float("nan")
