@@ -1,10 +1,10 @@
 """What `plan` predicts against what a render takes: CPU seconds on one thread, and memory.
 
 Each scene is planned and rendered in a process of its own; the growth of memory is counted from the import on, the
-seconds from a first small render on (which loads compiled kernels), the best of three. A scalar loop, the yardstick,
-is timed beside every render, and seconds are given at its reference speed, so that a busy or slower machine does not
-pass for a wrong prediction. `--fit` then fits the nanoseconds of `specklegen.core.nanoseconds.NANOSECONDS` to the table
-and prints them. One thread, about three minutes.
+seconds from a first small render on (which loads compiled kernels), the best of three. The yardstick of
+`specklegen.core.pace` is run beside every render, and seconds are given at its reference, so that a busy or slower
+machine does not pass for a wrong prediction. `--fit` then fits the nanoseconds of
+`specklegen.core.nanoseconds.NANOSECONDS` to the table and prints them. One thread, about three minutes.
 
     python scripts/plan_accuracy.py [--only WORD] [--fit] [--json PATH]
 """
@@ -29,10 +29,10 @@ from scipy.optimize import lsq_linear
 import specklegen as sg
 from specklegen.core.memory import resident_memory
 from specklegen.core.nanoseconds import NANOSECONDS
+from specklegen.core.pace import measured_pace
+from specklegen.memory_effects.cached import estimated_anew
 from specklegen.scene.illumination import directions_of_sines
 
-YARDSTICK = 55.0
-"""Nanoseconds that an iteration of the yardstick took where the nanoseconds of `costs` were fitted."""
 REPEATS = 3
 
 
@@ -73,8 +73,9 @@ def box(size: float, dimension: int, depth: float = 3.0, **changes: Any) -> sg.m
 def voxels() -> sg.media.VoxelGrid:
     """16 x 16 x 16 voxels."""
     density = np.random.default_rng(0).random((16, 16, 16)) / 20
-    return sg.media.VoxelGrid(lower=[-50.0] * 3, upper=[50.0] * 3, extinction=density,
-                              scatterers=(sg.media.Isotropic(),))
+    return sg.media.VoxelGrid(
+        lower=[-50.0] * 3, upper=[50.0] * 3, extinction=density, scatterers=(sg.media.Isotropic(),)
+    )
 
 
 Case = tuple[Callable[[], sg.Scene], dict[str, Any]]
@@ -146,15 +147,6 @@ def _line(count: int) -> np.ndarray:
     return np.stack([np.linspace(-20, 20, count), np.zeros(count), np.full(count, 80.0)], axis=-1)
 
 
-def yardstick(count: int = 200_000) -> float:
-    """Nanoseconds an iteration of a scalar loop takes here and now; plain Python, for a compiler would take memory."""
-    x = 0.3
-    start = time.process_time()
-    for _ in range(count):
-        x = 3.7 * x * (1.0 - x)
-    return 1e9 * (time.process_time() - start) / count
-
-
 def measured(name: str) -> dict[str, Any]:
     """Plan and render one case in this process, which should be young."""
     build, arguments = CASES[name]
@@ -164,10 +156,11 @@ def measured(name: str) -> dict[str, Any]:
     sg.render(this, threads=1, **(arguments | {"paths": 64}))
     found = []
     for seed in range(REPEATS):
-        speed = yardstick()
+        pace = measured_pace()
         start = time.process_time()
-        sg.render(this, threads=1, seed=seed, **arguments)
-        found.append((time.process_time() - start) * YARDSTICK / np.mean([speed, yardstick()]))
+        with estimated_anew(seed):  # what a medium is like is found again, as the plan counts it
+            sg.render(this, threads=1, seed=seed, **arguments)
+        found.append((time.process_time() - start) / np.mean([pace, measured_pace()]))
         if seed == 0:
             _, most = resident_memory()
     fresh = build().replace(wavelength=1 + 1e-9)
@@ -175,7 +168,7 @@ def measured(name: str) -> dict[str, Any]:
     sg.plan(fresh, threads=1, **arguments)
     return {
         "name": name, "way": f"{made.sampler}, {made.summation}", "operations": made.operations, "seconds": min(found),
-        "planning": (time.process_time() - start) * YARDSTICK / yardstick(), "bytes": most - before,
+        "planning": (time.process_time() - start) / measured_pace(), "bytes": most - before,
         "predicted_bytes": made.memory_bytes,
     }  # fmt: skip
 

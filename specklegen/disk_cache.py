@@ -1,4 +1,4 @@
-"""The cache on disk: compiled kernels, correlations, pilots and plans, each computed once for all processes of a user.
+"""The cache on disk: kernels, correlations, pilots, plans, the machine's pace, each computed once for all of a user.
 
 Layout: one folder for each kind of result (:data:`LIMITS`) in ``specklegen`` of the user's cache directory, one file
 for each result. The environment variable SPECKLEGEN_CACHE changes that:
@@ -30,6 +30,7 @@ from pathlib import Path
 SETTING = "SPECKLEGEN_CACHE"
 LIMITS = {
     "kernels": (5000, 2**30), "correlations": (2000, 2**30), "pilots": (4096, 2**28), "plans": (500, 2**26),
+    "pace": (16, 2**16),
 }  # fmt: skip
 """Most files and bytes of each folder; the oldest files go first. No file takes more than 1/16 of the bytes."""
 MOST_OF_A_PROCESS = 1000

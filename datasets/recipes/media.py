@@ -17,7 +17,7 @@ from specklegen.core.content import is_own
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.lazy import LazyModule, torch
-from specklegen.core.nanoseconds import seconds
+from specklegen.core.pace import seconds
 from specklegen.core.parallel import thread_count
 from specklegen.core.shielded import shielded
 from specklegen.core.values import remembered

@@ -17,7 +17,7 @@ from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.decision import Decision
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
-from specklegen.core.nanoseconds import seconds
+from specklegen.core.pace import seconds
 from specklegen.core.parallel import thread_count
 from specklegen.core.shielded import shielded
 from specklegen.core.values import remembered

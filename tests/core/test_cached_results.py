@@ -19,7 +19,7 @@ from scenes import ROOT, flat_box, views
 
 import specklegen as sg
 from specklegen import disk_cache
-from specklegen.core import cached_results, libraries
+from specklegen.core import cached_results, libraries, pace
 from specklegen.core.cached_results import file_name, packed, unpacked
 
 SLAB = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.HenyeyGreenstein(0.9))
@@ -45,6 +45,7 @@ def cache(tmp_path, monkeypatch) -> Path:
     monkeypatch.setattr(disk_cache, "_written", {})
     monkeypatch.setattr(disk_cache, "_warned", set())
     monkeypatch.setattr(disk_cache, "MOST_OF_A_PROCESS", 10**6)
+    monkeypatch.setattr(pace, "machine_pace", lambda: 1.0)  # without a cache plans state the reference's seconds
     yield tmp_path
     forget()
 

@@ -139,7 +139,7 @@ def test_path_sums_are_proposed_only_where_they_may_win(monkeypatch):
     made = sg.plan(slab(5), realizations=3)
     assert made.sampler == "stationary"
     assert not asked
-    assert made.alternatives["path sums, their least,"] > made.total_seconds
+    assert made.alternatives["path sums, at least"] > made.total_seconds
 
 
 def test_a_film_asks_for_paths_of_its_own():
