@@ -1,4 +1,4 @@
-"""Where the random numbers of a data set come from: every draw has an address, and a batch of them is drawn at once.
+"""Source of the random numbers of a data set: every draw has an address, and a batch of them is drawn at once.
 
 A number is a pure function of (seed, split, purpose, number of the sample or medium). What is found for a batch is, to
 the bit, what NumPy's generators find one by one.

@@ -1,4 +1,4 @@
-"""What the transport of samples needs to know about their physics: one protocol, one description of an array.
+"""Facts that the transport of samples needs about their physics: one protocol, one description of an array.
 
 The stream, the store and the cache depend on recipes only through :class:`Renderable`. Whatever renders
 pure samples and says how they are laid out can be streamed, stored and read back.

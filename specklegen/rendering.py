@@ -34,7 +34,7 @@ from specklegen.scene.scene import Scene
 
 @dataclass(frozen=True)
 class Report:
-    """What a render did.
+    """Report of a render.
 
     Attributes
     ----------

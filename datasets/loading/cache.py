@@ -93,7 +93,7 @@ class SpeckleCache(Dataset, Pictured):
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What the store was made from: recipe, seed, split, dtype, data version."""
+        """Origin of the store: recipe, seed, split, dtype, data version."""
         return self._store.attributes["identity"]
 
     @property

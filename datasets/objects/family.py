@@ -1,4 +1,4 @@
-"""What every family of hidden objects has in common: sources that are split, and pictures of one source.
+"""Common part of every family of hidden objects: sources that are split, and pictures of one source.
 
 Two ways to keep the splits apart, one for each kind of source:
 

@@ -135,7 +135,7 @@ class BehindMosaic:
 
 @dataclass(frozen=True)
 class AnalysedView(MediumView):
-    """The same with light and analyser."""
+    """Copy with light and analyser."""
 
     polarisers: Polarisers = Polarisers()  # noqa: RUF009 - frozen
 
@@ -258,7 +258,7 @@ class AnalysedObject(HiddenObject):
         ]  # fmt: skip
 
     def idealisations(self, scene: Scene) -> list[Decision]:
-        """What is left out of every image, and of the two together."""
+        """Parts left out of every image, and of the two together."""
         fields = Decision("analysers", True, "fields behind two of them are independent of each other, but for 0.005")
         exposed = Decision("one exposure for all analysers", False, "idealised: every image has the mean photons of "
                            "the exposure, however little light its analyser passes")  # fmt: skip
@@ -294,7 +294,7 @@ class AnalysedObject(HiddenObject):
         return known_behind(slab, analyser, self.material.kernel_paths)
 
     def requests(self, media: DrawnMedia) -> list[tuple[list[int], MediaRequest]]:
-        """What is asked of the sampler; without an analyser both components add up by their shares."""
+        """Request to the sampler; without an analyser both components add up by their shares."""
         requests = super().requests(media)
         if not self._whole:
             return requests

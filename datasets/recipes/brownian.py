@@ -37,7 +37,7 @@ GIVEN = ("diffusion", "tau0", "correlation_time")
 
 
 class Speed(Value):
-    """How fast particles move, by one of three numbers; each may vary from medium to medium.
+    """Speed at which particles move, by one of three numbers; each may vary from medium to medium.
 
     Parameters
     ----------

@@ -225,7 +225,7 @@ class ContrastMap(Recipe):
         return "Rendered by random fields with the correlation in time of the paths that leave at each place."
 
     def host_work(self) -> list[str]:
-        """What is made on the host: all but fields and images."""
+        """Parts made on the host: all but fields and images."""
         return ["how the light of every place forgets"]
 
     def tissue(self, slab: Slab) -> VertexPaths:

@@ -299,7 +299,7 @@ class SpeckleGenerator:
         ))  # fmt: skip
 
     def _keeps(self, medium: int, imaging: Imaging) -> bool:
-        """Whether spectra of shared media are kept: by recipe and medium alone; last bits of samples depend on it."""
+        """True if spectra of shared media are kept: by recipe and medium alone; last bits of samples depend on it."""
         each = imaging.spectra_bytes * self.recipe.frames
         if self.device.type == "cpu":
             return imaging.spectra_bytes <= _SLOW_BYTES and _few(each, medium)

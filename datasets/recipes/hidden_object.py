@@ -55,7 +55,7 @@ def centres_of(light: "torch.Tensor") -> "tuple[torch.Tensor, ...]":
 
 
 class ObjectField(Value):
-    """How large the object appears: by one of its first two fields. All may vary from medium to medium.
+    """Angular size of the object: by one of its first two fields. All may vary from medium to medium.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class HiddenObject(Recipe):
         )
 
     def host_work(self) -> list[str]:
-        """What is made on the host, pictures of objects among it where the family draws them one by one."""
+        """Parts made on the host, pictures of objects among it where the family draws them one by one."""
         pictures = [] if self.objects.drawn_together else [f"pictures of {self.objects.class_name()}"]
         return [*super().host_work(), *pictures, *([] if self.bench is None else self.bench.host_work)]
 

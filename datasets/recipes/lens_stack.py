@@ -202,7 +202,7 @@ class LensStack(Recipe):
         return LensMedia(seen, unit, DevelopedSpeckle(), sight, planes, parameters, one, lenses)
 
     def requests(self, media: "LensMedia") -> list[tuple[list[int], MediaRequest]]:  # type: ignore[override]
-        """What is asked of path sums for one medium."""
+        """Request to path sums for one medium."""
         request = MediaRequest(sight=media.sight, correlations=Tabulated([]), light=None, tolerance=0.0, media=(),
                                units=torch.tensor([media.unit], dtype=torch.float64), shared=False,
                                contrast=media.contrast, planes=media.lenses)  # fmt: skip

@@ -239,7 +239,7 @@ class MaskedLight(Recipe):
         return aperture_transform(loops, xi) * np.exp(1j * self.distance * (along - self._k))
 
     def host_work(self) -> list[str]:
-        """What is made on the host, masks among it."""
+        """Parts made on the host, masks among it."""
         return [*super().host_work(), "masks, and the waves behind them"]
 
     def lit(self, drawn: "Addresses", numbers: Sequence[int]) -> Lit:

@@ -46,7 +46,7 @@ else:
 
 
 class Rendering(NamedTuple):
-    """What renders a medium, and the relative error that its number of paths leaves."""
+    """Renderer of a medium, and the relative error that its number of paths leaves."""
 
     expected_error: float
     chosen: Sampler
@@ -225,7 +225,7 @@ class RecipeMedia(Specification):
 
     @cached_property
     def rendering(self) -> Rendering | None:
-        """What renders all media of the recipe; None where plans do not agree. Carried to the workers.
+        """Renderer of all media of the recipe; None where plans do not agree. Carried to the workers.
 
         Where the plans at the ends of its ranges agree, the same holds for what lies between: the stationary model gets
         worse towards one end of every range. Raise a `RuleError` if no sampler serves, or, where ``strict``, the one
@@ -300,7 +300,7 @@ class RecipeMedia(Specification):
         return None
 
     def host_work(self) -> list[str]:
-        """What is made on the host, whatever the device, in words."""
+        """Parts made on the host, whatever the device, in words."""
         work = [] if _materials.in_atlas(self.material) else ["the memory effect of every material"]
         if self.rendering is None:
             work.append("sums over paths, where they are chosen")

@@ -145,7 +145,7 @@ class DynamicSlab(HiddenObject):
         return self
 
     def idealisations(self, scene: Scene) -> list[Decision]:
-        """What is left out of every image, and the law between them."""
+        """Parts left out of every image, and the law between them."""
         model, modelled = self.dynamics.model, self.dynamics.brownian
         law = Decision("motion", modelled, f'{"" if modelled else "idealised: "}model "{model}": {MODELS[model]}')
         return super().idealisations(scene) + ([law] if self.dynamics.velocities is None else [])

@@ -61,7 +61,7 @@ class Medium:
 
     @property
     def imaging(self) -> Any:
-        """What draws such media and images objects through them."""
+        """Sampler that draws such media and images objects through them."""
         return self.ready.groups[0][1]
 
     def images(self, brightness: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What recipes of volumes have in common: a box, voxels, or a slab that a camera near by looks at.
+"""Common part of recipes of volumes: a box, voxels, or a slab that a camera near by looks at.
 
 Path sums render them: they need neither a wide window nor a wide slab. What images are divided by has no closed form
 here. It is the expected intensity, the mean over the beams and over the camera, estimated from as many paths as render
@@ -128,7 +128,7 @@ class VolumeRecipe(Recipe):
         raise NotImplementedError
 
     def contrast_of(self, view: VolumeView) -> "Contrast":
-        """What tells the contrast of images of one medium."""
+        """Predictor of the contrast of images of one medium."""
         raise NotImplementedError
 
     @property
@@ -211,7 +211,7 @@ class VolumeRecipe(Recipe):
         return VolumeMedia(view, unit, self.contrast_of(view), sight, tilts, parameters, one)
 
     def requests(self, media: "VolumeMedia") -> list[tuple[list[int], MediaRequest]]:  # type: ignore[override]
-        """What is asked of path sums for one medium."""
+        """Request to path sums for one medium."""
         request = MediaRequest(
             sight=media.sight, correlations=Tabulated([]), light=None, tolerance=0.0, media=(),
             units=torch.tensor([media.unit], dtype=torch.float64), shared=self.shares_media, contrast=media.contrast,

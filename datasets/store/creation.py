@@ -27,7 +27,7 @@ from specklegen.datasets.store.store import Store, claim_metadata
 
 @dataclass(frozen=True)
 class Share:
-    """What a call has to do in a store.
+    """Work of a call in a store.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ class GenerationError(ToldError, RuntimeError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one shard; small enough to send between machines.
+    """Outcome of one shard; small enough to send between machines.
 
     ``transient`` failures were the system's (an OSError) and may not come back; all others would. After a
     ``final`` one nothing more can be written, by any shard: the disk is full.

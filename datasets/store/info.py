@@ -1,4 +1,4 @@
-"""What a store says about itself, without its recipe."""
+"""Description of a store by itself, without its recipe."""
 
 import os
 from typing import Any

@@ -30,7 +30,7 @@ def stored_type(spec: ArraySpec, dtype: str) -> np.dtype:
 
 
 def rendering_note(recipe: Renderable) -> str:
-    """What renders the samples, in a sentence; nothing where a recipe does not say."""
+    """Sentence about the renderer of samples; empty where a recipe has none."""
     return str(getattr(recipe, "rendering_note", ""))
 
 

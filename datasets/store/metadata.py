@@ -36,7 +36,7 @@ _REMEDY = "`specklegen store verify --repair RECIPE` writes it again from the re
 
 @dataclass(frozen=True)
 class Metadata:
-    """What a store is.
+    """Description of a store.
 
     Attributes
     ----------

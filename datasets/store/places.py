@@ -1,4 +1,4 @@
-"""Where a store lies: in a folder of this machine, or at an address of any file system that fsspec knows.
+"""Place of a store: in a folder of this machine, or at an address of any file system that fsspec knows.
 
 An address, such as ``s3://bucket/a.zarr`` or ``memory://a.zarr``, is a ``UPath`` of universal-pathlib (extra
 ``remote``), which reads as a Path does. What is written there appears whole, as a put does; in a folder it does by

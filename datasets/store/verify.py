@@ -20,7 +20,7 @@ from specklegen.datasets.store.store import Store
 
 @dataclass(frozen=True)
 class Verification:
-    """What :func:`verify` found.
+    """Result of :func:`verify`.
 
     ``damaged`` shards are on the ledger but a file is missing or differs by a byte; ``unfinished`` ones are
     not wholly on the ledger, which is no fault of a store that is being filled; ``orphans`` are temporary

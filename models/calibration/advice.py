@@ -37,7 +37,7 @@ _POINTS, _ERROR, _RELATIVE = 25, 0.01, 0.02
 
 @dataclass(frozen=True)
 class Expected:
-    """What a set of instruments would tell.
+    """Expected information of a set of instruments.
 
     Attributes
     ----------

@@ -50,7 +50,7 @@ _START = Retrieval(restarts=2, steps=4, error_reduction=20)
 
 
 class MeasuredGrain(NamedTuple):
-    """What camera frames say of their grain.
+    """Speckle size that camera frames show.
 
     Attributes
     ----------

@@ -107,7 +107,7 @@ def ranges_of(owner: str, free: Mapping[str, Any]) -> Ranges:
 
 @dataclass(frozen=True)
 class Data:
-    """What was measured.
+    """Measured values.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class Data:
 
     @cached_property
     def values(self) -> np.ndarray:
-        """What was measured, float64[M]."""
+        """Measured values, float64[M]."""
         return np.concatenate([each.values for each in self.observations])
 
     @cached_property

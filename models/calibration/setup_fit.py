@@ -179,7 +179,7 @@ class SetupFit(Pictured):
 
     @property
     def drawn(self) -> PointSpeckle:
-        """What draws camera frames of this setup."""
+        """Sampler that draws camera frames of this setup."""
         noise = self.noise**2
         return PointSpeckle(self.profile, self.grain, min(self.contrast**2, 1.0), noise, self.pixel_integration)
 

@@ -49,7 +49,7 @@ _LARGEST = 128
 
 
 class Target(NamedTuple):
-    """What is photographed.
+    """Target.
 
     Attributes
     ----------

@@ -88,7 +88,7 @@ class Compared(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Twin(Pictured):
-    """What two-sample tests say of camera frames and of images that were simulated for them.
+    """Results of two-sample tests of camera frames and of images that were simulated for them.
 
     Attributes
     ----------

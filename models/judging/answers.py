@@ -20,7 +20,7 @@ _WORST = 10  # confusions in a table
 
 
 class Classification(NamedTuple):
-    """What a network said of labels.
+    """Predicted labels.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Classification(NamedTuple):
 
 
 class Regression(NamedTuple):
-    """What a network said of numbers of the medium, and others beside it.
+    """Predicted numbers of the medium, beside those of baselines.
 
     Attributes
     ----------

@@ -83,7 +83,7 @@ def _training_objects(recipe: HiddenObject) -> Tensor:
 
 
 def blinded(batch: Batch, recipe: HiddenObject) -> dict[str, Any]:
-    """What a function is handed of a batch.
+    """Part of a batch that a function receives.
 
     Returns
     -------

@@ -47,7 +47,7 @@ class Scored(Value):
 
 
 class OfTask(Value):
-    """What a method scored on a task.
+    """Scores of a method on a task.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ Batch = Mapping[str, Any]
 
 
 class Limits(Value):
-    """What a function may take.
+    """Limits of time and memory for a function.
 
     Parameters
     ----------

@@ -165,7 +165,7 @@ class Results(Pictured):
         return "\n".join(lines) + "\n"
 
     def _images(self) -> str:
-        """How many images a task."""
+        """Number of images a task."""
         counts = sorted({len(each.media) for each in self.evaluations.values()})
         many = counted(counts[0], "image") if len(counts) == 1 else f"{counts[0]} to {counts[-1]} images"
         return f"{many} a task"

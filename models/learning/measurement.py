@@ -38,7 +38,7 @@ def seen_by_camera(
 def measured(
     batch: Mapping[str, Any], recipe: HiddenObject, taper: float | None = None
 ) -> tuple[Periodogram, Optics, list[MemoryEffect]]:
-    """What was measured of the samples of a batch, the memory effect of their materials known; taper as above."""
+    """Measured values of the samples of a batch, the memory effect of their materials known; taper as above."""
     name = next((name for name in ("image", "frames") if name in batch), None)
     if name is None:
         reject("measured batch", 'one with "image" or "frames"', sorted(batch))

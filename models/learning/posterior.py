@@ -140,7 +140,7 @@ def posterior(
 
 
 def starts_of(measured: Measured, solved: Tensor, answers: Tensor, count: int) -> tuple[Tensor, Tensor]:
-    """What draws begin with, float[B, count, n, n], and the share of it beside noise, float[count].
+    """Start of draws, float[B, count, n, n], and the share of it beside noise, float[count].
 
     The first half begins at noise; then the solver's image and phase retrieval's answers, the most probable first.
     """

@@ -29,7 +29,7 @@ _REACH = np.geomspace(1e-2, 1e4, 2001)  # distances in object pixels among which
 
 
 class RangeFit(NamedTuple):
-    """What was found.
+    """Result of the search.
 
     Attributes
     ----------

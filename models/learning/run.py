@@ -100,7 +100,7 @@ class Run:
         self.spent, self.counted = self.spent + now - self.counted, now
 
     def spent_but(self, closing: float, seconds: float | None) -> bool:
-        """Whether so many seconds are spent but for those that a run needs at its end; ``ended`` keeps the answer."""
+        """True if so many seconds are spent but for those that a run needs at its end; ``ended`` keeps the answer."""
         if seconds is not None and (self.ended >= seconds or self.spent + closing >= seconds):
             self.ended = max(self.ended, seconds)
             return True

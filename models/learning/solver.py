@@ -60,7 +60,7 @@ PATCH = (0.12, 0.3)
 
 
 class Solution(NamedTuple):
-    """What came out, of B objects.
+    """Result, of B objects.
 
     Attributes
     ----------
@@ -317,7 +317,7 @@ def first_look(
     likelihood: SpeckleLikelihood, memory_effect: Tensor, frame: int, seed: Seed = 0,
     retrieval: Retrieval | None = RESTARTS,
 ) -> Seen:  # fmt: skip
-    """What the network sees of periodograms.
+    """Input of the network from periodograms.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ MOTION = {"tau0": Scale(-3.5, 0.3), "static_share": Scale(0.4, 0.15, logarithm=F
 
 
 class Target(NamedTuple):
-    """What is asked of a network.
+    """Request to a network.
 
     Attributes
     ----------

@@ -38,7 +38,7 @@ _REGULAR = 0.05  # of the mean power of objects, beside it
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Joint(Pictured):
-    """What N images through one medium say together.
+    """Estimates from N images through one medium together.
 
     Attributes
     ----------

@@ -110,7 +110,7 @@ def constellation(
 
 
 def bright_pixels(images: Tensor) -> Tensor:
-    """How many pixels shine, (sum x)^2 / sum x^2, float[...] of images real[..., n, n]."""
+    """Number of bright pixels, (sum x)^2 / sum x^2, float[...] of images real[..., n, n]."""
     return images.sum((-2, -1)).square() / images.square().sum((-2, -1)).clamp_min(torch.finfo(images.dtype).tiny)
 
 
@@ -123,7 +123,7 @@ def _first(image: Tensor) -> tuple[int, ...]:
 
 
 def _descended(places: tuple[int, ...], nats: Callable[[Tensor], Tensor], side: int) -> tuple[float, tuple[int, ...]]:
-    """What the end of a search costs, and where it is."""
+    """Cost of the end of a search, and where it is."""
     best = _costs([places], nats, side)[0]
     for _ in range(_STEPS):
         image = _drawn([places], side).clamp_min(1e-4).requires_grad_()

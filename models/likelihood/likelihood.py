@@ -41,7 +41,7 @@ _STEPS = 6  # of Fisher's scoring for the brightness
 
 
 class Optics(NamedTuple):
-    """How camera and object are laid out; each number for all objects, or one for each.
+    """Geometry of camera and object; each number for all objects, or one for each.
 
     Attributes
     ----------
@@ -269,7 +269,7 @@ class SpeckleLikelihood(nn.Module):
         return one, other
 
     def lags(self, size: int) -> Tensor:
-        """What was measured as an autocorrelation, float[B, n, n], between pixels of the object, the zero lag first.
+        """Measured autocorrelation, float[B, n, n], between pixels of the object, the zero lag first.
 
         Noise is taken off, and what is no frequency of the likelihood is left out, the background with it; every lag is
         divided by the share of pixel pairs that it has, where that is at least a tenth.
@@ -284,7 +284,7 @@ class SpeckleLikelihood(nn.Module):
 
     @property
     def frequencies(self) -> Tensor:
-        """How many independent frequencies count, float[B]: under a taper fewer than are used."""
+        """Number of independent frequencies that count, float[B]: under a taper fewer than are used."""
         return self.used.flatten(1).sum(1) * self.counted[:, 0]
 
     @property

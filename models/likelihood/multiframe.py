@@ -51,7 +51,7 @@ _SHARES = -1.0, -9.0  # logarithms of s over E |o|^2: of its mean over frequenci
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Multiframe(Pictured):
-    """What N images through one medium say of N objects.
+    """Estimates of N objects from N images through one medium.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ _LEFT = 0.05
 
 
 class Periodogram(NamedTuple):
-    """What was measured of B objects, at all frequencies of a tile's rows, and from 0 on of its columns.
+    """Measured values of B objects, at all frequencies of a tile's rows, and from 0 on of its columns.
 
     Attributes
     ----------

@@ -189,7 +189,7 @@ class Scanned:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What exposures say.
+    """Estimates from exposures.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""Whether a hidden object can be seen at all, before an image is rendered."""
+"""Feasibility: can a hidden object be seen at all, before an image is rendered."""

@@ -141,7 +141,7 @@ def _contrast(recipe: HiddenObject) -> tuple[float, float]:
 
 @dataclass(frozen=True, repr=False)
 class Finding(Pictured):
-    """What one image tells.
+    """Estimates from one image.
 
     Attributes
     ----------
@@ -184,13 +184,13 @@ class Finding(Pictured):
         return stated | {"deviance": self.deviance, "expected": self.expected} | reasons
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
-        """What was reconstructed."""
+        """Reconstruction."""
         draw_images(axes, self.image[None], high=1.0)
 
 
 @dataclass(frozen=True, repr=False)
 class Findings(Pictured):
-    """What the images tell together.
+    """Estimates from all images together.
 
     Attributes
     ----------
@@ -210,7 +210,7 @@ class Findings(Pictured):
         return {"images": len(self.each), "likelier right than not": sure, f"range, sine ({fitted})": self.range_sine}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
-        """What was reconstructed of the first images, each with its probability."""
+        """Reconstructions of the first images, each with its probability."""
         shown = self.each[:SHOWN]
         images = np.stack([each.image for each in shown])
         draw_images(axes, images, [
@@ -416,7 +416,7 @@ def _reasons(
     solution: Solution, n: int, seen: Periodogram, setup: Setup, memory_effect: MemoryEffect, camera: float,
     frames: int, test: SpeckleTest, silent: str,
 ) -> tuple[Reason, ...]:  # fmt: skip
-    """What would help, judged for an object like the one that was found, and whether there is reason for doubt."""
+    """Advice, judged for an object like the one that was found, and whether there is reason for doubt."""
     if not test.passes:
         return (Reason(_NO_SPECKLE, test.words, _TAKE_OFF),)
     # Of m looks the deviance of n frequencies has the variance (psi'(m) - 1 / m) / n.

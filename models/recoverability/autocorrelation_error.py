@@ -41,7 +41,7 @@ _ABOVE = Annotated[float, Field(gt=0)]  # infinity allowed
 
 
 class Conditions(Value):
-    """What decides whether objects can be retrieved. Lengths in grains, intensities over their mean.
+    """Quantities that decide whether objects can be retrieved. Lengths in grains, intensities over their mean.
 
     Parameters
     ----------

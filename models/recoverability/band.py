@@ -1,4 +1,4 @@
-"""What the frequencies of a camera frame say: grain along both axes, shape of the aperture, camera noise.
+"""Estimates from the frequencies of a camera frame: grain along both axes, shape of the aperture, camera noise.
 
 Speckle through an aperture has no frequency above one cycle a grain; noise is white (:mod:`camera_noise`). The power of
 a camera frame of some object is
@@ -29,7 +29,7 @@ _FINEST = 1.9  # pixels in a grain below which its edge lies too near the camera
 
 
 class Band(NamedTuple):
-    """What was found.
+    """Result of the search.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ _SURE = 3.5  # standard deviations of a mean square, from which on there is sign
 
 
 class Extent(NamedTuple):
-    """What the lags of camera frames say.
+    """Estimates from the lags of camera frames.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ def _farthest(away: np.ndarray, total: np.ndarray, cell: float, pixels: int) -> 
 
 
 def _cell(frames: np.ndarray) -> float:
-    """How many lags count for one."""
+    """Number of lags that count for one."""
     square, fourth = _moments(frames)
     return max(1.0, fourth / max(square**2, 1e-300))
 

@@ -175,7 +175,7 @@ class PhotographVerdict(Pictured):
 
     @property
     def numbers(self) -> dict[str, float | None]:
-        """What was measured, by name."""
+        """Measured values, by name."""
         seen = self.measured
         return {
             "grain_down": self.grain[0], "grain_across": self.grain[1], "grain_error": self.grain_error,

@@ -1,4 +1,4 @@
-"""Whether camera images are speckle of a setup at all: what a periodogram, and with it the likelihood, never looks at.
+"""Test that images are speckle of a setup at all: what a periodogram, and with it the likelihood, never looks at.
 
 The intensity behind an object that shines incoherently is a sum of squares of Gaussian fields, I = sum_i w_i |z_i|^2
 with w_i > 0 of sum 1 (Goodman, *Speckle Phenomena in Optics*, 2007, sections 3.3 and 4.7). Four numbers are looked at:
@@ -87,7 +87,7 @@ class SpeckleTest(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What speaks against speckle, as text; empty where nothing does."""
+        """Evidence against speckle, as text; empty where nothing does."""
         sentences = (
             f"contrast {self.contrast:.2g} where the reconstruction predicts {self.predicted:.2g} +- {self.spread:.1g}",
             f"skewness {self.skewness:.2g} where speckle has at least {self.least:.2g}",

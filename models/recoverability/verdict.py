@@ -49,7 +49,7 @@ _LARGEST_CAMERA = 16.0  # times the camera's side: larger ones are no remedy
 
 
 class Reason(NamedTuple):
-    """What stands in the way.
+    """Obstacle.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Reason(NamedTuple):
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether phase retrieval works.
+    """Feasibility of phase retrieval.
 
     Attributes
     ----------

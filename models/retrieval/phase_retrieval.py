@@ -41,7 +41,7 @@ _ON_DEVICE = 64  # images at once off the CPU, where one at a time would not fil
 
 
 class Retrieval(Value):
-    """How an image is retrieved.
+    """Settings of phase retrieval.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Retrieval(Value):
 
 
 class Retrieved(NamedTuple):
-    """What came out.
+    """Result.
 
     Attributes
     ----------

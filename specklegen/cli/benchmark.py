@@ -76,7 +76,7 @@ def benchmark(
 
 
 def _function(text: str) -> Callable[[Any], Any]:
-    """What a user names: a function in a file or a module, or a network."""
+    """Names that a user gives: a function in a file or a module, or a network."""
     if text.endswith(".pt"):
         from specklegen.models.judging.baselines import network
         from specklegen.models.learning.reconstructor import Reconstructor

@@ -1,4 +1,4 @@
-"""What stops a command, in one line: the only place where an error of the command line becomes a message.
+"""Errors of commands in one line: the only place where an error of the command line becomes a message.
 
 Broken rules, files that cannot be read or written, and limits of the machine are reported in a line, with exit status
 2. Any other error is a defect of specklegen and keeps its traceback.

@@ -156,7 +156,7 @@ def _judge_answers(
 
 
 def _name(path: Path, models: list[Path] | None) -> str:
-    """What a model is called in tables: its run's folder, or its whole path where two folders have one name."""
+    """Name of a model in tables: its run's folder, or its whole path where two folders have one name."""
     folders = [other.absolute().parent.name for other in models or []]
     name = path.absolute().parent.name
     return name if name and folders.count(name) == 1 else str(path)

@@ -1,4 +1,4 @@
-"""What commands show: JSON, a bar with the remaining time, folders that can be written."""
+"""Output of commands: JSON, a bar with the remaining time, folders that can be written."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""What every command that takes a recipe shares: the options that change it, and its reading."""
+"""Options that every command with a recipe shares: the options that change it, and its reading."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal

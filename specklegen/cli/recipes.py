@@ -119,7 +119,7 @@ def plan(
 
 
 def _planned(plans: "list[Plan]") -> dict[str, Any]:
-    """What plans say, in each of the ways that the command has."""
+    """Texts of plans in each of the ways that the command has."""
     verbose = "\n\n".join(each.explain() for each in plans) + "\n"
     return {"short": _in_short(plans), "verbose": verbose, "plans": [facts(each) for each in plans]}
 
@@ -152,7 +152,7 @@ def _in_short(plans: "list[Plan]") -> str:
 
 
 def facts(made: "Plan") -> dict[str, Any]:
-    """What a plan says, as plain numbers and texts."""
+    """Facts of a plan as plain numbers and texts."""
     return {
         "sampler": made.sampler,
         "summation": made.summation,

@@ -150,7 +150,7 @@ def memory_effect_command(
     out: Path = option(Path("memory-effect"), "Folder for memory-effect.csv and memory-effect.png."),
     as_json: AsJson = False,
 ) -> None:
-    """How fast speckle decorrelates under tilt, or in time: a table and a figure, with error bars."""
+    """Print how fast speckle decorrelates under tilt or in time: a table and a figure, with error bars."""
     import numpy as np
 
     import specklegen as sg
@@ -284,7 +284,7 @@ def reflectance(
     out: Path | None = option(None, "A CSV for the light over the angle."),
     as_json: AsJson = False,
 ) -> None:
-    """How much light a slab reflects, transmits and absorbs, with errors."""
+    """Print the reflectance, transmittance and absorptance of a slab, with errors."""
     import numpy as np
 
     import specklegen as sg

@@ -148,7 +148,7 @@ def verify(
 
 
 def in_words(found: "Verification") -> str:
-    """What a check found."""
+    """Result of a check."""
     sound = found.shards - len(found.damaged) - len(found.unfinished)
     parts = [f"{counted(found.shards, 'shard')}: {sound} sound"]
     parts += [

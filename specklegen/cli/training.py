@@ -128,7 +128,7 @@ def train(
 
 
 class _Material(NamedTuple):
-    """What a run learns from and is validated on."""
+    """Training and validation data of a run."""
 
     data: "Examples | tuple[Batches, int]"
     held_out: "Examples"
@@ -173,7 +173,7 @@ def _of_stores(folder: Path, validation: Path, settings: "Training") -> _Materia
 
 
 def _shown(recipe: "Recipe", media_group: int, law: bool) -> "Renderable":
-    """What is trained on: the recipe with shared media, rendered or drawn by the law of its images."""
+    """Training data: the recipe with shared media, rendered or drawn by the law of its images."""
     from specklegen.models.learning.examples import sharing_media
     from specklegen.models.learning.law import ByLaw
 

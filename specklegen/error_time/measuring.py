@@ -1,4 +1,4 @@
-"""What a call costs: CPU time, wall time, and by how much the process grew."""
+"""Cost of a call: CPU time, wall time, and by how much the process grew."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What can be set, and the address that holds it.
+"""Settings and the address that holds it.
 
 The fields of a state are the sliders: each states where it begins and where it may stand. A new slider is a field, and
 its place in :mod:`specklegen.explorer.recipe`.
@@ -40,7 +40,7 @@ _COSINES = (0.1, 0.3, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.9
 
 @dataclass(frozen=True)
 class State:
-    """Where the sliders stand.
+    """Positions of the sliders.
 
     Lengths are in micrometres, those of a laboratory in millimetres but for its pixels, angles in milliradians inside
     the medium, the lag in milliseconds.

@@ -204,7 +204,7 @@ def _text(write: Callable[[State], str]) -> Callable[[State], str]:
 
 
 class Panel(NamedTuple):
-    """What stands on the page.
+    """Content of the page.
 
     Attributes
     ----------

@@ -10,7 +10,7 @@ from specklegen.core.display.plot import SHOWN, Pictured
 
 
 class Validity(TypedDict):
-    """Whether a mean field of first or second order may be believed; see `specklegen.fdtd.validity`.
+    """Validity of a mean field of first or second order; see `specklegen.fdtd.validity`.
 
     Examples
     --------

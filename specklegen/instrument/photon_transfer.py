@@ -44,7 +44,7 @@ _DEPTHS = (8, 10, 12, 14, 16)
 
 
 class Level(NamedTuple):
-    """What one pair of frames tells.
+    """Estimates from one pair of frames.
 
     Attributes
     ----------

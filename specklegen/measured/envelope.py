@@ -133,7 +133,7 @@ def _dispersion(fit: _Fit, means: np.ndarray, weights: np.ndarray, terms: int) -
 
 
 def _shared(residual: np.ndarray, places: np.ndarray, terms: int) -> float:
-    """How many blocks count for one: the sum of their correlation over near distances, at least 1.
+    """Number of blocks that count for one: the sum of their correlation over near distances, at least 1.
 
     The fit has taken its terms' power, which is slow, from the correlation at each of these distances.
     """

@@ -1,4 +1,4 @@
-"""What a laboratory measures of a slab, as values: with standard errors, checked once.
+"""Measurements of a slab, as values: with standard errors, checked once.
 
 Each is a mean over speckle, and says of the material what :func:`specklegen.fit.fit_material` makes of it.
 """
@@ -25,7 +25,7 @@ SURE = 4.0
 
 
 class Observation(Pictured):
-    """What was measured of a slab: one number, or several, each with its standard error."""
+    """Measured values of a slab: one number, or several, each with its standard error."""
 
     @property
     def values(self) -> np.ndarray:
@@ -55,12 +55,12 @@ class _Curve(Observation):
 
     @property
     def at(self) -> np.ndarray:
-        """Where it was measured, float64[M]."""
+        """Places of the measured values, float64[M]."""
         return getattr(self, self._where)
 
     @property
     def values(self) -> np.ndarray:
-        """What was measured, float64[M]."""
+        """Measured values, float64[M]."""
         return getattr(self, self._what)
 
     @property

@@ -173,7 +173,7 @@ def load(table: str = HENYEY_GREENSTEIN) -> Atlas:
 
 
 def file_of(table: str) -> Traversable:
-    """Where a packaged table lies."""
+    """Path of a packaged table."""
     return files("specklegen") / f"data/atlas-{table}.npz"
 
 

@@ -28,7 +28,7 @@ _BYTES = 300  # a path, with what is made of it
 
 
 class Exits(NamedTuple):
-    """Where paths end.
+    """End points of paths.
 
     Attributes
     ----------

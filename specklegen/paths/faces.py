@@ -83,7 +83,7 @@ def crossing_factors(faces: Faces, vectors: np.ndarray, bounces: np.ndarray) -> 
 
 
 def crossing_matrices(faces: Faces, direction: np.ndarray) -> np.ndarray:
-    """What the same leaves of either polarisation, beside :func:`crossing_factors`: float64[m, 2, 2] by reflections.
+    """Shares of either polarisation, beside :func:`crossing_factors`: float64[m, 2, 2] by reflections.
 
     Of a light or view float64[3], between fields along x and y on both sides: turned the shortest way from the axis,
     they have the same parts in the plane with the axis, whatever the angle to it.

@@ -1,4 +1,4 @@
-"""Whether a field is the Gaussian that speckle is: how many contributions it sums, and its kurtosis.
+"""Gaussianity of a field: number of contributions that it sums, and its kurtosis.
 
 A field u of N paths, each with connections of contribution w_B and independent phases, has
 

@@ -51,28 +51,28 @@ class Layout:
     ways: Ways | None = None
 
     def of_ends(self, lights: np.ndarray | slice, views: np.ndarray | slice) -> Self:
-        """The same with only the lights and views of these numbers."""
+        """Copy with only the lights and views of these numbers."""
         return replace(self, lights=self.lights.of(lights), views=self.views.of(views))
 
     def of_lights(self, chosen: np.ndarray | slice) -> Self:
-        """The same with only the lights of these numbers; views stay as they are, unspread."""
+        """Copy with only the lights of these numbers; views stay as they are, unspread."""
         return replace(self, lights=self.lights.of(chosen))
 
     def of_views(self, vectors: np.ndarray) -> Self:
-        """The same with other views: unit vectors float64[V, 3]."""
+        """Copy with other views: unit vectors float64[V, 3]."""
         return replace(self, views=self.views.at(vectors))
 
     def at(self, light: np.ndarray, view: np.ndarray) -> Self:
-        """The same with one light float64[3] and one view or several, unit vectors of travel."""
+        """Copy with one light float64[3] and one view or several, unit vectors of travel."""
         return replace(self, lights=self.lights.at(-light), views=self.views.at(view))
 
     def tilting(self, other: "Layout") -> Self:
-        """The same with only the phases of another layout's lights and views."""
+        """Copy with only the phases of another layout's lights and views."""
         return replace(self, lights=replace(self.lights, tilted=other.lights.vectors),
                        views=replace(self.views, tilted=other.views.vectors))  # fmt: skip
 
     def probed(self) -> Self:
-        """The same with only a few of the lights and views, which keep their beam profile."""
+        """Copy with only a few of the lights and views, which keep their beam profile."""
         return replace(self, lights=self.lights.few(), views=self.views.few())
 
     @property

@@ -57,7 +57,7 @@ def optics(medium: PlaneMedium) -> Optics:
 
 
 def refracting_layers(medium: PlaneMedium) -> bool:
-    """Whether a medium has steps of the refractive index, and is no slab: only light that is not aimed knows them."""
+    """True if a medium has steps of the refractive index, and is no slab: only light that is not aimed knows them."""
     return medium.refracts and as_slab(medium) is None
 
 

@@ -90,7 +90,7 @@ def slab_tracer(scene: Scene, reverse: bool, aside: bool = True) -> SlabTracer:
 
 @remembered(64)
 def _judging(scene: Scene, reverse: bool, turned: bool) -> SlabTracer:
-    """The same with the threshold of its pilot, at views as they are, or ``turned`` as the middle light sees them."""
+    """Copy with the threshold of its pilot, at views as they are, or ``turned`` as the middle light sees them."""
     views, layout = probe_views(scene), scene_layout(scene)
     if reverse:
         require_reflection(scene.slab, views)
@@ -171,7 +171,7 @@ def plane_tracer(
 
 
 def _spared(tracer: VolumeTracer, scene: Scene) -> VolumeTracer:
-    """The same with a share of its threshold, for gaps between views and between lights that are directions."""
+    """Copy with a share of its threshold, for gaps between views and between lights that are directions."""
     if not tracer.threshold:
         return tracer
     share, dimension = 1.0, 3 if scene.dimension == 3 else 2

@@ -157,7 +157,7 @@ def plan(
 
 @dataclass(frozen=True)
 class Options:
-    """What is asked of a plan beside its scene and budget, checked once; :func:`plan` describes each.
+    """Request to a plan beside its scene and budget, checked once; :func:`plan` describes each.
 
     Attributes
     ----------

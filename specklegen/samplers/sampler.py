@@ -53,7 +53,7 @@ LEAST_FLOAT32, MOST_FLOAT32 = 1e-34, 1e35
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of the sampler of a scene.
+    """Request to the sampler of a scene.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class Imager(Protocol):
 
 
 class Contrast(Protocol):
-    """What tells the contrast of images before they are made."""
+    """Predictor of the contrast of images before they are made."""
 
     def contrast(self, light: "torch.Tensor") -> "torch.Tensor":
         """Expected contrast float64[B] of images of objects real[B, h, w] under polarised light."""

@@ -89,7 +89,7 @@ class FocusedBeams(Light):
         return self.points
 
     def of(self, chosen: np.ndarray) -> Self:
-        """The same with only some foci, by their numbers int[n]."""
+        """Copy with only some foci, by their numbers int[n]."""
         return self.replace(points=self.points[chosen])
 
     @with_units

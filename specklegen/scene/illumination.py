@@ -86,7 +86,7 @@ class Light(Value):
         return (len(self.vectors),)
 
     def of(self, chosen: np.ndarray) -> Self:
-        """The same of only some lights, by their numbers int[n]."""
+        """Copy with only some lights, by their numbers int[n]."""
         return self.replace(**{"points" if self.near else "directions": self.vectors[chosen]})
 
 
@@ -234,7 +234,7 @@ class CollimatedBeams(Light):
         return np.repeat(np.eye(len(count)) / count, count, axis=1)
 
     def of(self, chosen: np.ndarray) -> Self:
-        """The same of only some beams, by their numbers int[n]."""
+        """Copy with only some beams, by their numbers int[n]."""
         each = {name: getattr(self, name) for name in ("times", "exposure", "sub_frames")}
         changes = {name: value[chosen] for name, value in each.items() if value is not None}
         return self.replace(directions=self.directions[chosen], **changes)

@@ -59,7 +59,7 @@ class Polarisers(Value):
     @classmethod
     @with_units
     def crossed(cls, angle: Annotated[float, RADIAN] = 0.0) -> Self:
-        """The same with an analyser across the light."""
+        """Copy with an analyser across the light."""
         turned = real_number("Polarisers.crossed angle", angle)
         cosine, sine = float(np.cos(turned)), float(np.sin(turned))
         return cls(light=[cosine, sine], analyser=[-sine, cosine])

@@ -258,7 +258,7 @@ def _operations(x: _Within, y: _Within, shape: tuple[int, int], tilts: int, leng
 
 
 def _shared_operations(x: Axis, y: Axis, shape: tuple[int, int], tilts: int) -> float:
-    """The same with cells that all tilts share."""
+    """Copy with cells that all tilts share."""
     size = float(x.count * y.count)
     views = min(matrix_flops(x, y, shape), fft_flops(x, y))
     return tilts * (NORMAL_FLOPS * size + 8.0 * tilts * size + views)

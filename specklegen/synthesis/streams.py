@@ -1,4 +1,4 @@
-"""Where the random numbers of a batch of media come from."""
+"""Source of the random numbers of a batch of media."""
 
 from __future__ import annotations
 

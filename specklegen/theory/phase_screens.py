@@ -89,7 +89,7 @@ def index_correlation(
     stack: ScreenStack, wavelength: Annotated[float, WAVELENGTH], sines: Annotated[np.ndarray, SINE],
     others: np.ndarray | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """What the screens' index leaves of the field correlation of beams at sines float64[T] from the normal: [T, T].
+    """Field correlation left by the screens' index, of beams at sines float64[T] from the normal: [T, T].
 
     With ``others`` float64[S] it is that of each with each of these, [T, S].
 

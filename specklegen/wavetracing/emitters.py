@@ -23,7 +23,7 @@ def _packed(emitter: "Emitter", kind: int, lower: np.ndarray, upper: np.ndarray,
 
 
 class _AtOnePlace(Value):
-    """What emitters have in common whose light comes from one place."""
+    """Common part of emitters whose light comes from one place."""
 
     position: Annotated[Array, LENGTH]
 

@@ -30,12 +30,12 @@ class Rim:
 
     @cached_property
     def starts(self) -> np.ndarray:
-        """Where the edges begin, float64[N, 2]; the opening lies on their left."""
+        """Start points of the edges, float64[N, 2]; the opening lies on their left."""
         return np.concatenate(self.loops)
 
     @cached_property
     def ends(self) -> np.ndarray:
-        """Where the edges end, float64[N, 2]."""
+        """End points of the edges, float64[N, 2]."""
         return np.concatenate([np.roll(loop, -1, axis=0) for loop in self.loops])
 
     @cached_property

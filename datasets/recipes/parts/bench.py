@@ -120,7 +120,7 @@ class Bench(Value):
 
     @property
     def host_work(self) -> list[str]:
-        """What is made on the host, whatever the device, in words."""
+        """Parts made on the host, whatever the device, in words."""
         return ["the sensitivity of pixels"] if _moves(self.unevenness, 0.0) else []
 
     def of_media(self, drawn: Addresses, numbers: Sequence[int]) -> tuple[torch.Tensor, torch.Tensor]:

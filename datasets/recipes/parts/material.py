@@ -39,7 +39,7 @@ MOVING = Brownian(diffusion=1.0)
 
 
 class Estimator(IntEnum):
-    """Where a material's memory-effect correlation comes from; the number is stored with every sample."""
+    """Source of a material's memory-effect correlation; the number is stored with every sample."""
 
     PATHS = 1
     ATLAS = 2

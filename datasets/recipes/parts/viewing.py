@@ -1,4 +1,4 @@
-"""Where light comes from and where the camera looks: in the engine's terms, or in those of a laboratory.
+"""Directions of light and camera: in the engine's terms, or in those of a laboratory.
 
 Engine: a wavelength inside the medium, an illuminated window, a grid of direction sines. Laboratory: a
 table ``[lab]`` with distances, pixels and an aperture (:class:`specklegen.instrument.LabSetup`). A recipe is written in
@@ -81,7 +81,7 @@ class Lab(LabSetup):
 
 @dataclass(frozen=True)
 class Viewing:
-    """What the engine needs to know of window and camera.
+    """Facts that the engine needs about window and camera.
 
     Attributes
     ----------

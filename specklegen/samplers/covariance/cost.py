@@ -1,4 +1,4 @@
-"""What a covariance costs, in counted operations."""
+"""Cost of a covariance, in counted operations."""
 
 from specklegen.core.budgets import require_time
 from specklegen.core.nanoseconds import seconds

@@ -1,4 +1,4 @@
-"""What path sums cost: counted operations and bytes, through a slab or through anything."""
+"""Cost of path sums: counted operations and bytes, through a slab or through anything."""
 
 import math
 from collections.abc import Mapping

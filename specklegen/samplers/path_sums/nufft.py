@@ -141,7 +141,7 @@ def _joined(layout: Layout, bank: PathBank, plan: NufftPlan, most: int) -> Nufft
 
 
 def together(layout: Layout, summation: NufftPlan) -> NufftPlan | None:
-    """The same with single scattering among the rest; None where that leaves the tolerance.
+    """Copy with single scattering among the rest; None where that leaves the tolerance.
 
     Nor where faces reflect. It saves the transforms of single scattering, but spreads it at the rank of multiple
     scattering.

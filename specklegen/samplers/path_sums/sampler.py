@@ -112,7 +112,7 @@ class PathSums(MediaSampler, name="paths"):
 
     @property
     def tracer(self) -> Tracer:
-        """What traces the paths."""
+        """Tracer of the paths."""
         return self.pilot.tracer
 
     @property

@@ -48,7 +48,7 @@ def scene_nufft(scene: Scene, reverse: bool, tolerance: float) -> NufftPlan | No
 
 
 def _factors(best: NufftPlan | None) -> _Factors | None:
-    """What is kept of a plan."""
+    """Cached part of a plan."""
     return None if best is None else _Factors(best.tiling.shape, best.multiple, best.single, best.single_share)
 
 

@@ -142,7 +142,7 @@ class ScreensRenderer:
 
     @cached_property
     def stacks(self) -> "StackSampler":
-        """What draws F of every beam."""
+        """Sampler that draws F of every beam."""
         from specklegen.synthesis.stacks import stack_sampler
 
         scene = self.sampler._beams

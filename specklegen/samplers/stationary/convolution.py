@@ -124,7 +124,7 @@ def scene_loss(scene: Scene) -> tuple[float, float]:
 
 
 def _scene_loss(scene: Scene) -> tuple[float, float]:
-    """What :func:`scene_loss` finds."""
+    """Result of :func:`scene_loss`."""
     from specklegen.memory_effects.correlation import estimate_correlation
 
     light = object_of(scene)

@@ -70,13 +70,13 @@ def _beyond_axis(scene: Scene) -> str | None:
 
 @remembered(64)
 def scene_error(scene: Scene, tolerance: float) -> StationaryError:
-    """How far the model is from light along the axis, and its evenness from that of layers without steps."""
+    """Distance of the model from light along the axis, and its evenness from that of layers without steps."""
     about = ("stationary error of layers", scene, tolerance)
     return cached_result(StationaryError, about, lambda: _scene_error(scene, tolerance))
 
 
 def _scene_error(scene: Scene, tolerance: float) -> StationaryError:
-    """What :func:`scene_error` finds."""
+    """Result of :func:`scene_error`."""
     light = axial_pilot(scene).light
     paths = len(light.weight)
     # What was scattered once goes straight: both parts of a path, one after the other.

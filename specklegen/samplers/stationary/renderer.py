@@ -129,7 +129,7 @@ class Prepared:
 
     @cached_property
     def stacks(self) -> "StackSampler | ManyTilts":
-        """What draws stacks of tilted beams."""
+        """Sampler that draws stacks of tilted beams."""
         from specklegen.memory_effects.film import causal_root
         from specklegen.synthesis.many_tilts import many_tilts
         from specklegen.synthesis.stacks import stack_sampler, tilt_roots

@@ -193,7 +193,7 @@ def scene_stationary_error(
     scene: Scene, tolerance: float, form: Form, enveloped: bool = False, thorough: bool = True, glance: bool = True,
     walked: bool = False,
 ) -> StationaryError:  # fmt: skip
-    """How far the stationary model with one of its correlations is from pilot paths."""
+    """Distance of the stationary model with one of its correlations from pilot paths."""
     oblique, averaged = form == "oblique", form == "averaged"
     envelope = scene_envelope(scene, oblique) if enveloped else None
     tracer = slab_tracer(scene, False, aside=False)

@@ -251,7 +251,7 @@ def _expected_image(scene: Scene, complete: bool) -> _ImageWork:
 
 
 def _image_work(scene: Scene, complete: bool) -> _ImageWork:
-    """What :func:`_expected_image` finds."""
+    """Result of :func:`_expected_image`."""
     from specklegen.memory_effects.correlation import estimate_correlation
     from specklegen.memory_effects.polarised_fields import estimate_polarised_correlation
     from specklegen.synthesis.objects import expected_image
@@ -274,7 +274,7 @@ def _image_work(scene: Scene, complete: bool) -> _ImageWork:
 
 
 def _sight(scene: Scene) -> "Sight":
-    """How a scene's object is seen."""
+    """Optics that image a scene's object."""
     from specklegen.synthesis.objects import object_sight
 
     light = object_of(scene)

@@ -40,7 +40,7 @@ _CLEAR, _SURE = 4.0, 2.0
 
 @dataclass(frozen=True)
 class StationaryError:
-    """How far the stationary model is from the pilot paths.
+    """Distance of the stationary model from the pilot paths.
 
     Attributes
     ----------

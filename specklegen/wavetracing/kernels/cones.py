@@ -75,7 +75,7 @@ def edge_interval(t, x0, y0, z0, w0, r0, x1, y1, z1, w1, r1):
 
 @inlined
 def _inside(px, py, pz, corners, nx, ny, nz):
-    """Whether a point of the triangle's plane lies in the triangle, by the axis along which it is seen largest."""
+    """True if a point of the triangle's plane lies in the triangle, by the axis along which it is seen largest."""
     x0, y0, z0, x1, y1, z1, x2, y2, z2 = corners
     ax, ay, az = abs(nx), abs(ny), abs(nz)
     if az >= ax and az >= ay:
@@ -94,7 +94,7 @@ def _inside(px, py, pz, corners, nx, ny, nz):
 
 @inlined
 def _holds(z, x0, y0, z0, x1, y1, z1, x2, y2, z2):
-    """Whether a triangle holds the point (0, 0, z) to rounding: at the apex edges and plane may all miss the cone."""
+    """True if a triangle holds the point (0, 0, z) to rounding: at the apex edges and plane may all miss the cone."""
     ux, uy, uz, vx, vy, vz = x1 - x0, y1 - y0, z1 - z0, x2 - x0, y2 - y0, z2 - z0
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     square = nx * nx + ny * ny + nz * nz

@@ -185,7 +185,7 @@ def _clipped(planes, m, side, a, b):
 
 @kernel
 def _framed(graph, e, m, side, a, b):
-    """Whether light from a segment's image on the side -1 or 1 of a mirror may go through it to an edge on the other.
+    """True if light from a segment's image on the side -1 or 1 of a mirror may go through it to an edge on the other.
 
     The lines from end to end meet the plane in four points; their box and those of faces decide, conservatively.
     """

@@ -184,7 +184,7 @@ def pass_hole(state, hit, skip, facets, openings):
 
 @kernel
 def hole_in(state, f, facets, openings):
-    """How far a beam's ray is from the plane of a facet, and in which of its holes it goes through; -1 for none."""
+    """Distance of a beam's ray from the plane of a facet, and in which of its holes it goes through; -1 for none."""
     n = facets.normals[f]
     at = facets.rim_ends[facets.rims[f]]
     px, py, pz = state[beam.PX], state[beam.PY], state[beam.PZ]
@@ -313,7 +313,7 @@ def pass_edge(state, hit, ahead, candidates, count, table, facets, tree, memory,
 
 @kernel
 def borders(state, step, f, facets):
-    """Whether an edge of a facet's border lies in a beam's cone, beside where its ray hits the facet, ``step`` ahead.
+    """True if an edge of a facet's border lies in a beam's cone, beside where its ray hits the facet, ``step`` ahead.
 
     From inside a solid its corners are no edges.
     """
