@@ -58,6 +58,12 @@ def test_no_order_breaks_a_law_in_a_folder(unlockable, tmp_path):
     assert model_check.run(6, seed=1_000_000, folder=tmp_path, unlockable=unlockable) == {}
 
 
+@pytest.mark.parametrize("seed", [41181, 41214])
+def test_a_shard_of_two_lengths_is_made_whole_where_locks_exclude_nobody(seed, tmp_path):
+    """A call of fewer samples wrote some files of a shard after one of more, whose ledger came last."""
+    assert model_check.run(1, seed=seed, folder=tmp_path, unlockable=True) == {}
+
+
 @pytest.mark.parametrize("local", [False, True])
 def test_a_ledger_that_is_written_first_is_found(local, tmp_path, monkeypatch):
     write = store.Store.write_shard
