@@ -87,7 +87,7 @@ SHOWN = {
     "what one image tells": lambda: FOUND, "what images tell": lambda: Findings((FOUND, FOUND), 1e-4, None),
     "what images together tell": lambda: Joint(torch.rand(3, 8, 8), torch.tensor([False, True, False]),
                                                torch.zeros(3, 2, dtype=torch.int64), 0.9, 0.7),
-    "objects through one medium": lambda: Multiframe(torch.rand(3, 8, 8), 0.97, 0.9),
+    "objects through one medium": lambda: Multiframe(torch.rand(3, 8, 8).clamp(0.1), 0.97, 0.9),
     "wide object": lambda: WideField(torch.rand(8, 20), torch.rand(8, 20) > 0.1, torch.rand(6), 16.0),
     "evaluation": lambda: SCORED, "benchmark": lambda: Results({"thin": SCORED, "noise": SCORED}, 20),
     "scene of beams": lambda: SCENE, "scene seen all round": lambda: BOX,
