@@ -307,7 +307,10 @@ FEATURES: dict[str, Callable[[Mapping[str, Any]], Tensor]] = {
 
 
 def steps_of(batch: Mapping[str, Any]) -> Tensor:
-    """Camera pixels in an object pixel, float64[B]."""
+    """Camera pixels in an object pixel, float64[B]; of coherent objects, which have no image, the camera's share."""
+    if "object_pitch" not in batch["parameters"]:
+        share = max(batch["image"].shape[-2:]) / max(batch["object"].shape[-2:])
+        return torch.full_like(batch["parameters"]["camera_pitch"], share)
     return batch["parameters"]["object_pitch"] / batch["parameters"]["camera_pitch"]
 
 

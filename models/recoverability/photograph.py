@@ -58,6 +58,7 @@ _NINETIETH = 1.6449
 _MOST_FRAMES = 4096
 _EDGE = 12.0  # 2 ln of likelihoods from which on the band's edge is seen
 _BIAS = 0.02  # of ln grain: Hann's window widens the edge
+_ONE_PATTERN, _ONE_GRAIN = 0.7, 1.5  # variance and extent in grains of the speckle of a point, or of a coherent object
 _RESOLVED = 2.05  # pixels in a grain
 _SIGNAL = 0.02  # of the mean: contrast below which an image is even
 _ALONE = 6.0  # standard deviations of white noise, from which on neighbouring pixels are alike
@@ -286,6 +287,9 @@ def judge_photograph(
         assumed.append('even light: this measurement was read without an envelope, which envelope="fit" finds')
     if not against:
         assumed.append("that it is speckle: most pictures are refused, but not blurred noise nor every portrait")
+    if not against and variance > _ONE_PATTERN and extent < _ONE_GRAIN:
+        assumed.append("that it is a point and no coherent object, such as a modulator in laser light: its speckle has "
+                       "this contrast too, and its autocorrelation is not that of the object")  # fmt: skip
     assumed.append("one wavelength and one polarisation, and an object within the memory effect: else contrast is lost")
     envelope = 1.0 if seen.envelope is None else float(seen.envelope.max() / seen.envelope.min())
     return PhotographVerdict(

@@ -119,3 +119,28 @@ def test_lengths_have_units():
     made = recipe(object={"pitch": "0.072 mm", "distance": "2 cm"}, window={"width": "1.08 mm"})
     assert (made.object.pitch, made.object.distance) == (72.0, 20000.0)
     assert made.fingerprint() == recipe().fingerprint()
+
+
+def test_a_u_net_learns_from_the_stream(tmp_path):
+    """Camera images of the recipe go into the U-Net as they are, and its loss on what it has seen falls."""
+    from specklegen.models.learning.examples import examples
+    from specklegen.models.learning.training import Training, train
+
+    made = recipe(media=1)
+    data = examples(made, "camera", 32)
+    assert data.inputs.shape == (32, 2, 32, 32)
+    rows = []
+    train(Training(network="unet", width=8, batch_size=16, epochs=6, learning_rate=3e-3), data,
+          examples(made, "camera", 16, split="validation"), tmp_path, progress=rows.append)  # fmt: skip
+    losses = [row["train_loss"] for row in rows]
+    assert losses[-1] < losses[0]
+
+
+def test_frames_of_coherent_objects_are_named_and_others_are_not():
+    """Of a frame of contrast 1 it is said that it may be of a coherent object, of a hidden character's it is not."""
+    from specklegen.models import judge_photograph
+
+    coherent = load_recipe("coherent-digits").sample(0, "train", 0)["image"]
+    incoherent = load_recipe("ground-glass").sample(0, "train", 0)["image"]
+    named = [any("coherent object" in each for each in judge_photograph(one).assumed) for one in (coherent, incoherent)]
+    assert named == [True, False]
