@@ -39,7 +39,7 @@ from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import SLANT, LobeLoss, lobe_loss, steepest
-from specklegen.paths.rare_paths import Implied, implied_error, warn_of_rare_paths
+from specklegen.paths.rare_paths import changes_of, implied_by_changes, implied_by_each, warn_of_rare_paths
 from specklegen.paths.reversal import reversal_decision
 from specklegen.paths.slab_tracer import events_across, events_per_path
 from specklegen.paths.steps import refracting_layers
@@ -454,7 +454,7 @@ def _polarised(
         options = {"reverse": reverse, "near": near}
         curve = pair_curve(medium, wavelength, lights, views, seen, paths, seed, threads, **options)
     found = curve.field, curve.intensity, 1 - curve.intensity, curve.standard_error
-    return *found, curve.single_share, curve.lit, np.inf
+    return *found, curve.single_share, curve.lit, curve.carried
 
 
 def _lateral(medium, wavelength, light, view, views, side, paths, seed, reverse, threads):
@@ -471,9 +471,9 @@ def _lateral(medium, wavelength, light, view, views, side, paths, seed, reverse,
     field = whole[:-1] / whole[-1]
     # The deviation of each connection along K: the rest of it turns K, and leaves |K|.
     along = np.exp(-1j * np.angle(field))
-    off = [np.square((w * turn).real - abs(k)) for w, turn, k in zip(waves, along, field, strict=True)]
-    squares = np.array([batch_sums(weights * each, correlation.owners, paths).real for each in off]).T
-    implied = implied_error(medium, float(weights.sum()), squares, np.square(off) @ weights)
+    off = ((w * turn).real - abs(k) for w, turn, k in zip(waves, along, field, strict=True))
+    batch = correlation.owners * len(batches) // paths
+    implied = implied_by_each(medium, weights, batch, len(batches), off)
     error, carried = implied.at_least(error, 2 * np.abs(field)), float(implied.paths.min(initial=np.inf))
     return field, intensity, 1 - intensity, error, correlation.single_share, batches[:, -1].real, carried
 
@@ -493,7 +493,7 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, threads=threads)
         ones, many = bank.single, bank.multiple
         alone, still = np.empty(0), np.empty(0)
-        sums, changes = np.empty(2 * n + 1, np.complex128), np.zeros((n, 4), np.complex128)
+        sums, changes = np.empty(2 * n + 1, np.complex128), np.zeros((n, 6), np.complex128)
         for t, pair in enumerate(pairs):  # one after the other: all amplitudes at once would not fit
             layout = tracer.layout.of_ends(pair, pair)
             layout = first.tilting(layout) if near else layout
@@ -503,7 +503,7 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
                 alone, still = once, both
             else:
                 sums[t - 1] = (still * both.conj()).sum()
-                changes[t - 1] = _changes(still, both)
+                changes[t - 1] = changes_of(np.square(np.abs(still)), still * both.conj())
             sums[n + t - 1 if t else 2 * n] = np.square(np.abs(both)).sum()
         return sums, np.square(np.abs(alone)).sum(), changes
 
@@ -524,32 +524,9 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
     intensity, error = jackknife(sums, correlation)
     field, lit, carried = normalised(sums.sum(axis=0)), sums[:, 2 * n].real, np.inf
     if not reverse:
-        implied = _implied(medium, lit, changes)
+        implied = implied_by_changes(medium, lit, changes)
         error, carried = implied.at_least(error, 2 * np.abs(field)), float(implied.paths.min(initial=np.inf))
     return field, intensity, 1 - intensity, error, float(single / total), lit, carried
-
-
-def _changes(still: np.ndarray, both: np.ndarray) -> np.ndarray:
-    """Sums of w d, w |d|^2, w d^2 and w Re(d)^4 over connections: d is what a tilt makes of each, less 1.
-
-    Of the last one the mean phase is taken out.
-    """
-    weight = np.square(np.abs(still))
-    change = np.divide(both, still, out=np.ones_like(both), where=weight > 0).conj() - 1
-    turn = np.exp(-1j * np.angle((weight * (1 + change)).sum()))
-    along = ((1 + change) * turn).real - 1
-    return np.array([weight @ each for each in (change, np.square(np.abs(change)), change**2, along**4)])
-
-
-def _implied(medium: PlaneMedium, lit: np.ndarray, changes: np.ndarray) -> Implied:
-    """Errors that the phase function implies, from light float64[batches] and sums complex128[batches, T, 4]."""
-    first, size, second, fourth = np.moveaxis(changes, -1, 0)
-    light = lit.sum()
-    field = 1 + first.sum(axis=0) / light
-    turn = np.exp(-1j * np.angle(field))
-    shift = turn.real - np.abs(field)  # Re(d turn) + shift is the deviation along K
-    squares = (size + second * turn**2).real / 2 + 2 * shift * (first * turn).real + shift**2 * lit[:, None]
-    return implied_error(medium, float(light), np.maximum(squares, 0.0), fourth.real.sum(axis=0))
 
 
 def _dark(n: int):

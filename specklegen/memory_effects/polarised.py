@@ -14,6 +14,7 @@ so that K is **not round**: with phi the azimuth of the tilt from the polarisati
 Of circular light a turn changes no more than the phase of either circular component: their K is round.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -30,6 +31,7 @@ from specklegen.paths.endpoints import AXIS
 from specklegen.paths.jones import Ends, connection_matrices, require_ends
 from specklegen.paths.layout import Layout
 from specklegen.paths.momentum import momentum_transfer
+from specklegen.paths.rare_paths import Implied, changes_of, implied_by_changes, implied_by_each
 from specklegen.paths.tracer import plane_tracer
 from specklegen.scene.media import PlaneMedium
 
@@ -89,6 +91,12 @@ class PolarisedCurve(NamedTuple):
     standard_error: np.ndarray
     single_share: float
     lit: np.ndarray
+    carried: float = np.inf
+
+    def at_least(self, implied: Implied) -> "PolarisedCurve":
+        """Return it with errors that the phase function implies, and how many paths it lets expect."""
+        error = implied.at_least(self.standard_error, 2 * np.abs(self.field))
+        return self._replace(standard_error=error, carried=float(implied.paths.min(initial=np.inf)))
 
 
 @dataclass(frozen=True)
@@ -116,12 +124,30 @@ class AxialLight:
     single: float
     transfer: np.ndarray | None = None
 
-    def sums(self, q: float, x: float = 0.0) -> np.ndarray:
-        """C_ab(q) of the batches a time x later, not divided by anything, complex128[batches, n, n]."""
+    @property
+    def weights(self) -> np.ndarray:
+        """Light of each connection through the analyser, float64[M]."""
+        return np.einsum("aam->m", self.terms[:, :, 0]).real
+
+    def implied(self, medium: PlaneMedium, pairs: Iterable[tuple[float, float]], field: np.ndarray) -> Implied:
+        """Errors that the phase function implies of K complex128[T] at pairs of q and x."""
+        weights = self.weights
+        left = (np.einsum("aam->m", self._waves(*pair)).real for pair in pairs)
+        off = (np.divide(w, weights, out=np.full(len(w), k), where=weights > 0) - k
+               for w, k in zip(left, field.real, strict=True))  # fmt: skip
+        return implied_by_each(medium, weights, self.batch, self.batches, off)
+
+    def _waves(self, q: float, x: float) -> np.ndarray:
+        """Parts of each connection in C_ab(q) a time x later, complex128[n, n, M]."""
         waves = np.einsum("abjm,jm->abm", self.terms, bessel_even(q * self.radius)) if q else self.terms[:, :, 0]
         if x:
             assert self.transfer is not None, "it was asked for"
             waves = waves * np.exp(-2 * x * self.transfer)
+        return waves
+
+    def sums(self, q: float, x: float = 0.0) -> np.ndarray:
+        """C_ab(q) of the batches a time x later, not divided by anything, complex128[batches, n, n]."""
+        waves = self._waves(q, x)
         n = len(waves)
         sums = np.empty((self.batches, n, n), np.complex128)
         for a in range(n):
@@ -213,8 +239,10 @@ def axial_curve(
     """K of small tilts float64[T] (differences of sines) of light along the axis."""
     light = axial_light(medium, seen, paths, seed, threads=threads)
     still = light.sums(0.0)
-    sums = np.stack([*(light.sums(2 * np.pi / wavelength * abs(t)) for t in tilts), *[still] * (len(tilts) + 1)], 1)
-    return curve_of(sums, light.single)
+    q = 2 * np.pi / wavelength * np.abs(tilts)
+    sums = np.stack([*(light.sums(each) for each in q), *[still] * (len(q) + 1)], 1)
+    curve = curve_of(sums, light.single)
+    return curve.at_least(light.implied(medium, ((each, 0.0) for each in q), curve.field))
 
 
 def curve_of(sums: np.ndarray, single: float) -> PolarisedCurve:
@@ -262,6 +290,8 @@ class PairLight(NamedTuple):
         Light that was scattered once.
     weights, transfer, batch : float64[M], float64[M], int64[M]
         Light of every way at the first pair, and its momentum transfer, where times were asked for.
+    changes : complex128[batches, P, 6]
+        Sums of :func:`specklegen.paths.rare_paths.changes_of`; 0 of light sent back, which comes from few directions.
     """
 
     sums: np.ndarray
@@ -269,6 +299,14 @@ class PairLight(NamedTuple):
     weights: np.ndarray
     transfer: np.ndarray
     batch: np.ndarray
+    changes: np.ndarray
+
+    def curve(self, medium: PlaneMedium) -> PolarisedCurve:
+        """K of the pairs, with errors that the phase function implies of light that goes through."""
+        curve = curve_of(self.sums, self.single)
+        if not self.changes.any() or np.isnan(curve.single_share):
+            return curve
+        return curve.at_least(implied_by_changes(medium, curve.lit, self.changes))
 
 
 def pair_light(
@@ -282,12 +320,13 @@ def pair_light(
     tracer = plane_tracer(medium, wavelength, lights, views, reverse, transfer=x is not None)
     ends, pairs = require_ends(medium), len(number)
     first = tracer.layout.of_ends(slice(0, 1), slice(0, 1))
-    directions = seen.vectors
+    directions, implies = seen.vectors, not reverse and views[0, 2] > 0
     analysers = directions[list(seen.components)].conj()
 
-    def batch(part: slice, crew: Threads) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+    def batch(part: slice, crew: Threads) -> tuple[np.ndarray, float, np.ndarray, np.ndarray, np.ndarray]:
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, threads=crew)
         sums = np.empty((2 * pairs + 1, *[len(analysers)] * 2), np.complex128)
+        changes, light = np.zeros((pairs, 6), np.complex128), np.empty(0)
         still, single, weights, turned = [], 0.0, np.empty(0), np.empty(0)
         for t in range(len(lights)):
             layout = tracer.layout.of_ends(slice(t, t + 1), slice(t, t + 1))
@@ -299,6 +338,7 @@ def pair_light(
             moved = [np.zeros(0)] * len(ways) if x is None else [momentum_transfer(kept, way.bank) for way in ways]
             if t == 0:
                 still, sums[-1] = both, power
+                light = np.concatenate([np.square(np.abs(way.fields @ directions[0])).sum(axis=-1) for way in ways])
                 single = float(np.square(np.abs(fields[0])).sum())
                 if x is not None:
                     weights = np.concatenate([(a.conj() * b).real.sum(0) for a, b in zip(both, fields, strict=True)])
@@ -308,12 +348,17 @@ def pair_light(
                 sums[pairs + p] = power
                 left = fields if x is None else [f * np.exp(-2 * x[p] * y) for f, y in zip(fields, moved, strict=True)]
                 sums[p] = sum(a @ b.conj().T for a, b in zip(still, left, strict=True))
-        return sums, single, weights, turned
+                if implies:
+                    products = (np.concatenate([(a * b.conj()).sum(axis=0) for a, b in zip(still, other, strict=True)])
+                                for other in (still, left))  # fmt: skip
+                    changes[p] = changes_of(next(products).real, next(products), light)
+        return sums, single, weights, turned, changes
 
     batches = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(threads)))
     return PairLight(np.array([each[0] for each in batches]), sum(each[1] for each in batches),
                      np.concatenate([each[2] for each in batches]), np.concatenate([each[3] for each in batches]),
-                     np.repeat(np.arange(len(batches)), [len(each[2]) for each in batches]))  # fmt: skip
+                     np.repeat(np.arange(len(batches)), [len(each[2]) for each in batches]),
+                     np.array([each[4] for each in batches]))  # fmt: skip
 
 
 def pair_curve(
@@ -323,4 +368,4 @@ def pair_curve(
     """K from the fields of every connection at every pair (i_t, v_t) float64[T + 1, 3]; the first is at rest."""
     number, options = np.arange(len(lights) - 1), {"reverse": reverse, "near": near}
     light = pair_light(medium, wavelength, lights, views, number, None, seen, paths, seed, threads, **options)
-    return curve_of(light.sums, light.single)
+    return light.curve(medium)

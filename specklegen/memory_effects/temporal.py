@@ -263,7 +263,7 @@ def temporal_correlation(
             f"{owner}: none of {count} paths carried light, so that nothing is known. Trace more paths, or take a "
             "thinner medium.",
         )  # fmt: skip
-    warn_of_rare_paths(owner, result.lit)
+    warn_of_rare_paths(owner, result.lit, result.carried)
     shape = lags.shape
     return TemporalCorrelation(
         lags=np.array(lags), tilts=np.array(tilts), x=x, field=result.field.reshape(shape),

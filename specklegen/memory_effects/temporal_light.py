@@ -21,6 +21,7 @@ from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplit
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import lobe_loss, steepest
 from specklegen.paths.momentum import at_rest, doppler_shift, momentum_transfer
+from specklegen.paths.rare_paths import Implied, changes_of, implied_by_changes, implied_by_each, implied_error
 from specklegen.paths.tracer import Tracer
 from specklegen.scene.motion import Motion
 
@@ -34,6 +35,7 @@ class Found(NamedTuple):
     static: float
     lit: np.ndarray
     classes: LightClasses | LightPaths
+    carried: float = np.inf
 
 
 class Asked(NamedTuple):
@@ -134,8 +136,26 @@ def by_ways(asked: Asked, paths: int, seed: Seed) -> Found:
             batches[:, p] = summed(wave * asked.left(p, turned, shifts).conj())
     intensity, error = jackknife(batches, lambda total: np.square(np.abs(total[:-1] / total[-1])))
     whole = batches.sum(axis=0)
+    field = whole[:-1] / whole[-1]
+
+    def deviation(p: int) -> np.ndarray:
+        """Of each connection along K: the rest of it turns K, and leaves |K|."""
+        at = q[asked.number[p]]
+        wave = 1.0 if not at else j0(at * radius) if even else np.exp(1j * at * ways.displacement[:, 0])
+        left = wave * asked.left(p, turned, shifts).conj()
+        return (left * np.exp(-1j * np.angle(field[p]))).real - np.abs(field[p])
+
+    if asked.aim.side < 0:
+        implied = Implied(np.zeros(len(field)), np.full(len(field), np.inf))
+    elif q.any() or not isinstance(light, LightClasses):
+        implied = implied_by_each(asked.medium, weights, batch, n, map(deviation, range(len(field))))
+    else:
+        off = np.square(np.exp(-2 * np.multiply.outer(light.transfer, asked.x)) - np.abs(field))
+        squares, fourths = light.shares @ off, light.shares.sum(axis=0) @ np.square(off)
+        implied = implied_error(asked.medium, float(light.shares.sum()), squares, fourths)
+    error, carried = implied.at_least(error, 2 * np.abs(field)), float(implied.paths.min(initial=np.inf))
     static = float(weights[at_rest(turned, shifts)].sum() / total)
-    return Found(whole[:-1] / whole[-1], intensity, error, static, batches[:, -1].real, light)
+    return Found(field, intensity, error, static, batches[:, -1].real, light, carried)
 
 
 def polarised(asked: Asked, paths: int, seed: Seed, *, seen: Polariser) -> Found:
@@ -146,38 +166,42 @@ def polarised(asked: Asked, paths: int, seed: Seed, *, seen: Polariser) -> Found
         assert axial.transfer is not None, "it was asked for"
         q = np.abs(2 * np.pi / asked.wavelength * np.sin(asked.angles))[asked.number]
         still = axial.sums(0.0)
-        later = [axial.sums(*pair) for pair in zip(q.tolist(), asked.x.tolist(), strict=True)]
-        sums = np.stack([*later, *[still] * (pairs + 1)], axis=1)
-        weights = np.einsum("aam->m", axial.terms[:, :, 0]).real
+        each = list(zip(q.tolist(), asked.x.tolist(), strict=True))
+        curve = curve_of(np.stack([*(axial.sums(*pair) for pair in each), *[still] * (pairs + 1)], axis=1), 0.0)
+        curve = curve.at_least(axial.implied(asked.medium, each, curve.field))
+        weights = axial.weights
         turned, batch, batches = axial.transfer, axial.batch, axial.batches
     else:
         lights, views = np.concatenate([AXIS[None], aim.light]), np.concatenate([aim.view[None], aim.views])
         tally = pair_light(asked.medium, asked.wavelength, lights, views, asked.number, asked.x, seen, paths, seed,
                            asked.threads, reverse=aim.reversal.needed, near=asked.near)  # fmt: skip
-        sums, weights, turned, batch, batches = tally.sums, tally.weights, tally.transfer, tally.batch, len(tally.sums)
+        curve = tally.curve(asked.medium)
+        weights, turned, batch, batches = tally.weights, tally.transfer, tally.batch, len(tally.sums)
     total = weights.sum()
     if not total > 0:
         return dark(asked)
-    curve, light = curve_of(sums, 0.0), asked.classes(weights, turned, None, batch, batches)
+    light = asked.classes(weights, turned, None, batch, batches)
     static = float(weights[turned == 0].sum() / total)
-    return Found(curve.field, curve.intensity, curve.standard_error, static, curve.lit, light)
+    return Found(curve.field, curve.intensity, curve.standard_error, static, curve.lit, light, curve.carried)
 
 
 def by_amplitudes(asked: Asked, paths: int, seed: Seed) -> Found:
     """K from the amplitudes of every connection at every pair (i_t, v_t), both ways of a path where they interfere."""
     reverse, near = asked.aim.reversal.needed, asked.near
+    implies = not reverse and not asked.medium.has_sides and asked.aim.side > 0
     tracer = asked.tracer()
     pairs = [slice(t, t + 1) for t in range(1 + len(asked.angles))]
     first, p, n = tracer.layout.of_ends(pairs[0], pairs[0]), len(asked.x), len(asked.angles)
 
     flows = asked.medium.flows
 
-    def batch(part: slice, threads: Threads) -> tuple[np.ndarray, float, LightClasses | LightPaths]:
+    def batch(part: slice, threads: Threads) -> tuple[np.ndarray, float, LightClasses | LightPaths, np.ndarray]:
         """Products with zero tilt, powers at every tilt and at zero; and of the latter what is at rest, and classes."""
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, threads=threads)
         ones, many = bank.single, bank.multiple
         back = many.reversed() if reverse else many.select(slice(0, 0))
         sums, rest, light = np.empty(p + n + 1, np.complex128), 0.0, None
+        changes = np.zeros((p, 6), np.complex128)
         still: tuple[np.ndarray, ...] = ()
         for t, pair in enumerate(pairs):
             seen = tracer.layout.of_ends(pair, pair)
@@ -200,12 +224,16 @@ def by_amplitudes(asked: Asked, paths: int, seed: Seed) -> Found:
                                       np.zeros(len(weights), np.int64), 1)  # fmt: skip
             for m in np.flatnonzero(asked.number == t - 1):
                 kept = zip(still, own, turned, shifts, strict=True)
-                sums[m] = sum(np.vdot(a * asked.left(m, y, d), s) for s, a, y, d in kept)
+                later = [a * asked.left(m, y, d) for _, a, y, d in kept]
+                sums[m] = sum(np.vdot(a, s) for a, s in zip(later, still, strict=True))
+                if implies:
+                    whole = np.concatenate(still)
+                    changes[m] = changes_of(np.square(np.abs(whole)), whole * np.concatenate(later).conj())
         assert light is not None, "the first pair is that of no tilt"
-        return sums, rest, light
+        return sums, rest, light, changes
 
     batches = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(asked.threads)))
-    sums = np.array([each for each, _, _ in batches])
+    sums = np.array([each for each, *_ in batches])
     total = sums[:, -1].real.sum()
     if not total > 0:
         return dark(asked)
@@ -214,14 +242,18 @@ def by_amplitudes(asked: Asked, paths: int, seed: Seed) -> Found:
         return part[:p] / np.sqrt(part[p : p + n].real[asked.number]) / np.sqrt(part[-1].real)
 
     intensity, error = jackknife(sums, lambda part: np.square(np.abs(normalised(part))))
-    static = float(sum(rest for _, rest, _ in batches) / total)
-    lights = [each for _, _, each in batches]
+    static = float(sum(rest for _, rest, *_ in batches) / total)
+    lights = [each[2] for each in batches]
     classes = asked.classes(
         np.concatenate([each.weights for each in lights]), np.concatenate([each.transfer for each in lights]),
         np.concatenate([each.doppler for each in lights]) if flows else None,  # type: ignore[union-attr]
         np.repeat(np.arange(len(lights)), [len(each.transfer) for each in lights]), len(lights),
     )  # fmt: skip
-    return Found(normalised(sums.sum(axis=0)), intensity, error, static, sums[:, -1].real, classes)
+    field, lit, carried = normalised(sums.sum(axis=0)), sums[:, -1].real, np.inf
+    if implies:
+        implied = implied_by_changes(asked.medium, lit, np.array([each[3] for each in batches]))
+        error, carried = implied.at_least(error, 2 * np.abs(field)), float(implied.paths.min(initial=np.inf))
+    return Found(field, intensity, error, static, lit, classes, carried)
 
 
 def dark(asked: Asked) -> Found:

@@ -14,6 +14,7 @@ less, further connections of the same path make it more; both are left out. Stan
 1.1 of it (Henyey-Greenstein, OD 5 to 50, g 0.9 to 0.99, along the axis); at OD 2 it is up to 1.6 times too large.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -78,6 +79,46 @@ def implied_error(medium: PlaneMedium, light: float, squares: np.ndarray, fourth
     spread = np.square(squares - total / len(squares)).sum(axis=0)
     doubt = np.divide(spread, np.square(total), out=np.zeros(len(fourths)), where=np.square(total) > 0)
     return Implied(np.sqrt(square * total / weight) * doubt_factor(doubt, doubt), carried)
+
+
+def implied_by_each(
+    medium: PlaneMedium, weights: np.ndarray, batch: np.ndarray, batches: int, deviations: Iterable[np.ndarray]
+) -> Implied:
+    """Errors by connections: weights float64[M], batches int64[M], T times their deviations from K float64[M].
+
+    Where polarised light passes an analyser, weights are what passes: at most what the phase function implies.
+    """
+    off = [np.square(each) for each in deviations]
+    squares = np.array([np.bincount(batch, weights * each, batches) for each in off]).reshape(len(off), batches)
+    fourths = np.array([weights @ np.square(each) for each in off])
+    return implied_error(medium, float(weights.sum()), squares.T, fourths)
+
+
+def changes_of(weight: np.ndarray, product: np.ndarray, light: np.ndarray | None = None) -> np.ndarray:
+    """Sums complex128[6] over connections that :func:`implied_by_changes` takes.
+
+    Of weights w float64[M] through an analyser, of complex128[M], w (1 + d), and of all ``light`` l float64[M], w by
+    default, which the phase function weighs. The mean phase is taken out of the last one.
+    """
+    light = weight if light is None else light
+    lit = light > 0
+    parts = product - weight, weight
+    change, share = (np.divide(each, light, out=np.zeros_like(each), where=lit) for each in parts)
+    turn = np.exp(-1j * np.angle(product.sum()))
+    along = ((change + share) * turn - share).real
+    terms = change, np.square(np.abs(change)), change**2, share**2, share * change, along**4
+    return np.array([light @ each for each in terms])
+
+
+def implied_by_changes(medium: PlaneMedium, lit: np.ndarray, changes: np.ndarray) -> Implied:
+    """Errors by light float64[batches] and sums complex128[batches, T, 6] of :func:`changes_of`."""
+    first, size, second, still, both, fourth = np.moveaxis(changes, -1, 0)
+    light = lit.sum()
+    field = 1 + first.sum(axis=0) / light
+    turn = np.exp(-1j * np.angle(field))
+    shift = turn.real - np.abs(field)  # Re(e turn) + shift w / l is the deviation along K
+    squares = (size + second * turn**2).real / 2 + 2 * shift * (both * turn).real + shift**2 * still.real
+    return implied_error(medium, float(light), np.maximum(squares, 0.0), fourth.real.sum(axis=0))
 
 
 @remembered(64)

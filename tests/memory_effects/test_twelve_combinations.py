@@ -1,0 +1,208 @@
+"""Twelve combinations of features that few other tests hold together, beside a walk of their own (literal_walk.py)."""
+
+import numpy as np
+import pytest
+from references.literal_walk import BATCHES, walk
+from zscore import assert_z, refute_z
+
+import specklegen as sg
+from specklegen.core.statistics import jackknife
+from specklegen.synthesis.spectrum import estimate_spectral_correlation
+
+WAVELENGTH = 1e-3
+K = 2 * np.pi / WAVELENGTH
+LAYERS = [(1.0, 2.0, 0.95, 0.8), (0.7, 2.0, 1.0, 0.0)]  # thickness, extinction, albedo, g
+ASIDE = np.array([0.3, 0.2, np.sqrt(1 - 0.13)])
+BACK = ASIDE * [1, 1, -1]
+TILT, LOSS = 2e-4, 0.07  # of light; 2 k^2 D lag
+FLOW = np.array([1.4, 0.6, -1.0])  # k V lag
+
+
+def layers(motions=(None, None), polarisation="scalar"):
+    return sg.Layers([
+        sg.media.Layer(thickness=depth, mean_free_path=1 / extinction, albedo=albedo, motion=motion,
+                       scatterer=sg.media.HenyeyGreenstein(g))
+        for (depth, extinction, albedo, g), motion in zip(LAYERS, motions, strict=True)
+    ], polarisation=polarisation)  # fmt: skip
+
+
+def box(motion):
+    return sg.media.Box(lower=[-1.5, -1.5, 0.0], upper=[1.5, 1.5, 2.0], mean_free_path=1.0, albedo=0.9, motion=motion,
+                        scatterer=sg.media.HenyeyGreenstein(0.6))  # fmt: skip
+
+
+BOX = [(2.0, 1.0, 0.9, 0.6)]
+
+
+def brownian(loss):
+    """Of a lag of 1."""
+    return sg.media.Brownian(diffusion=loss / (2 * K**2))
+
+
+def drift(flow):
+    return sg.media.Drift(velocity=flow / K)
+
+
+def row(flow, shear=0.0):
+    return [*flow, shear]
+
+
+def turned(view, tilt):
+    """Wavenumber times the change of light and view."""
+    sine, side = np.sin(tilt), np.sign(view[2])
+    moved = view[:2] + [sine, 0.0]
+    light = np.array([sine, 0.0, np.cos(tilt) - 1.0])
+    return {"d_in": K * light, "d_out": K * (np.array([*moved, side * np.sqrt(1 - moved @ moved)]) - view)}
+
+
+def across(view):
+    """x and y, turned as the axis is, the shortest way into a view (to either side)."""
+    x, y, z = view * np.sign(view[2])
+    return np.array([[1 - x * x / (1 + z), -x * y / (1 + z), -x], [-x * y / (1 + z), 1 - y * y / (1 + z), -y]])
+
+
+def memory(medium, view, **options):
+    """C_I, its error and K at one tilt, for a share of it."""
+
+    def found(share, **budget):
+        curve = sg.memory_effect(medium, wavelength=WAVELENGTH, tilts=[share * TILT], view=view, reverse=False,
+                                 mode="transmission" if view[2] > 0 else "reflection", **options, **budget)  # fmt: skip
+        return curve.intensity[0], curve.standard_error[0], curve.field[0]
+
+    return found
+
+
+def time(medium, view, tilt=0.0, **options):
+    def found(share, **budget):
+        curve = sg.statistics.temporal_correlation(
+            medium, wavelength=WAVELENGTH, lags=[share], tilts=[share * tilt], view=view, reverse=False,
+            mode="transmission" if view[2] > 0 else "reflection", **options, **budget)  # fmt: skip
+        return curve.intensity[0], curve.standard_error[0], curve.field[0]
+
+    return found
+
+
+def plain(parts, paths, view, **options):
+    """C_I, its error and K of the walk."""
+    sums, _ = walk(parts, paths, 1, view=view, **options)
+    (value,), (error,) = jackknife(sums[:, :2], lambda total: np.square(np.abs(total[1:] / total[0])))
+    total = sums.sum(axis=0)
+    return value, error, total[1] / total[0]
+
+
+def polarised(paths, view, seen, **options):
+    return plain(LAYERS, paths, view, field=(1, 0, 0), analyser=across(view)[seen], **options)
+
+
+def contrast(medium):
+    """Contrast in light of a Gaussian spectrum; its error from eight seeds."""
+
+    def found(share, paths, seed, threads):
+        some = [estimate_spectral_correlation(medium, paths // 8, 8 * seed + n, threads=threads) for n in range(8)]
+        values = np.square([each.contrast(share * 1.5) for each in some])
+        return values.mean(), values.std(ddof=1) / np.sqrt(8), 1.0
+
+    return found
+
+
+def plain_contrast(paths):
+    """The same: the mean of |C|^2 over differences of the wavenumber."""
+    place, weight = np.polynomial.hermite_e.hermegauss(40)
+    spread = 1.5 / (2 * np.sqrt(np.log(2)))
+    sums, _ = walk(LAYERS, paths, 1, dk=spread * place)
+
+    def squared(total):
+        return np.array([np.square(np.abs(total[2:] / total[0])) @ weight / weight.sum()])
+
+    (value,), (error,) = jackknife(sums, squared)
+    return value, error, 1.0
+
+
+def energy(share, **budget):
+    """Light let through at an angle, over that sent back."""
+    found = sg.statistics.reflectance_transmittance(layers(), angle=share * 0.8, **budget)
+    ratio = found.transmittance / found.reflectance
+    error = np.hypot(found.transmittance_error / found.transmittance, found.reflectance_error / found.reflectance)
+    return ratio, ratio * error, 1.0
+
+
+def plain_energy(paths):
+    _, left = walk(LAYERS, paths, 1, light=(np.sin(0.8), 0.0, np.cos(0.8)))
+    (value,), (error,) = jackknife(left, lambda total: total[1:] / total[0])
+    return value, error, 1.0
+
+
+def mueller(share, **budget):
+    """M_10 / M_00 of light sent back aside."""
+    view = np.array([share * 0.5, 0.2, -np.sqrt(1 - 0.04 - (share * 0.5) ** 2)])
+    found = sg.statistics.mueller_matrix(layers(polarisation="projector"), wavelength=WAVELENGTH, mode="reflection",
+                                         view=view, reverse=False, **budget)  # fmt: skip
+    value = found.matrix[1, 0] / found.matrix[0, 0]
+    return value, found.standard_error[1, 0] / found.matrix[0, 0], 1.0
+
+
+def plain_mueller(paths):
+    view = np.array([0.5, 0.2, -np.sqrt(0.71)])
+    shown = [[walk(LAYERS, paths // 4, 1 + 2 * a + b, view=view, field=np.eye(3)[b], analyser=across(view)[a])[0][:, 0]
+              for b in range(2)] for a in range(2)]  # fmt: skip
+    (xx, xy), (yx, yy) = np.real(shown)
+    sums = np.stack([xx + xy + yx + yy, xx + xy - yx - yy], axis=1)
+    (value,), (error,) = jackknife(sums, lambda total: total[1:] / total[0])
+    return value, error, 1.0
+
+
+POLARISED = layers(polarisation="projector")
+AWAKE = (brownian(LOSS), brownian(3 * LOSS))
+LOSSES = (LOSS, 3 * LOSS)
+CASES = {
+    "tilts of absorbing layers seen aside": (
+        memory(layers(), ASIDE), lambda n: plain(LAYERS, n, ASIDE, **turned(ASIDE, TILT))),
+    "tilts of absorbing layers sent back aside": (
+        memory(layers(), BACK), lambda n: plain(LAYERS, n, BACK, **turned(BACK, TILT))),
+    "layers of unlike diffusion sent back aside": (
+        time(layers(AWAKE), BACK), lambda n: plain(LAYERS, n, BACK, loss=LOSSES)),
+    "times and tilts at once, seen aside": (
+        time(layers(AWAKE), ASIDE, tilt=TILT), lambda n: plain(LAYERS, n, ASIDE, loss=LOSSES, **turned(ASIDE, TILT))),
+    "a sheared layer under one at rest, sent back aside": (
+        time(layers((None, sg.media.Shear(rate=1.5 / K))), BACK),
+        lambda n: plain(LAYERS, n, BACK, flow=[row([0, 0, 0]), row([0, 0, 0], 1.5)])),
+    "a drifting layer under a diffusing one, seen aside": (
+        time(layers((brownian(LOSS), drift(FLOW))), ASIDE),
+        lambda n: plain(LAYERS, n, ASIDE, loss=(LOSS, 0.0), flow=[row([0, 0, 0]), row(FLOW)])),
+    "tilts of polarised absorbing layers sent back aside, crossed": (
+        memory(POLARISED, BACK, channel="crossed"), lambda n: polarised(n, BACK, 1, **turned(BACK, TILT))),
+    "times of polarised absorbing layers sent back aside, along": (
+        time(layers(AWAKE, "projector"), BACK, channel="co"), lambda n: polarised(n, BACK, 0, loss=LOSSES)),
+    "Mueller matrix of absorbing layers sent back aside": (mueller, plain_mueller),
+    "a sheared absorbing box seen aside": (
+        time(box(sg.media.Shear(rate=0.8 / K)), ASIDE),
+        lambda n: plain(BOX, n, ASIDE, half=1.5, flow=[row([0, 0, 0], 0.8)])),
+    "contrast behind absorbing layers": (contrast(layers()), plain_contrast),
+    "oblique light through absorbing layers": (energy, plain_energy),
+}
+
+
+FAINT = ("tilts of polarised absorbing layers sent back aside, crossed",
+         "Mueller matrix of absorbing layers sent back aside")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_literal_walk_agrees(name):
+    """C_I, and the sign of K's phase where it has one; a quarter more of what changes is caught, but of faint light."""
+    found, walked = CASES[name]
+    (value, error, field), (expected, noise, by_hand) = found(1.0, paths=60_000, seed=1, threads=1), walked(60_032)
+    assert_z(value, expected, np.hypot(error, noise), degrees=BATCHES - 1)
+    assert abs(np.angle(field / by_hand)) < 0.15
+    if name not in FAINT:
+        wrong, error, _ = found(1.25, paths=60_000, seed=1, threads=1)
+        refute_z(wrong, expected, np.hypot(error, noise), degrees=BATCHES - 1)
+
+
+@pytest.mark.slow
+def test_a_hundredth_more_is_caught():
+    """Of the shear in a box, by a million paths: its walk has the least noise."""
+    found, walked = CASES["a sheared absorbing box seen aside"]
+    (value, error, _), (expected, noise, _) = found(1.0, paths=1_000_000, seed=1, threads=1), walked(1_000_000)
+    assert_z(value, expected, np.hypot(error, noise), degrees=BATCHES - 1)
+    wrong, error, _ = found(1.01, paths=1_000_000, seed=1, threads=1)
+    refute_z(wrong, expected, np.hypot(error, noise), degrees=BATCHES - 1)
