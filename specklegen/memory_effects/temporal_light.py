@@ -139,7 +139,7 @@ def by_ways(asked: Asked, paths: int, seed: Seed) -> Found:
     field = whole[:-1] / whole[-1]
 
     def deviation(p: int) -> np.ndarray:
-        """Of each connection along K: the rest of it turns K, and leaves |K|."""
+        """Deviation of each connection from |K|, along K: what is across turns K alone."""
         at = q[asked.number[p]]
         wave = 1.0 if not at else j0(at * radius) if even else np.exp(1j * at * ways.displacement[:, 0])
         left = wave * asked.left(p, turned, shifts).conj()

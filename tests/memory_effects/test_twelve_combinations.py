@@ -196,13 +196,3 @@ def test_a_literal_walk_agrees(name):
     if name not in FAINT:
         wrong, error, _ = found(1.25, paths=60_000, seed=1, threads=1)
         refute_z(wrong, expected, np.hypot(error, noise), degrees=BATCHES - 1)
-
-
-@pytest.mark.slow
-def test_a_hundredth_more_is_caught():
-    """Of the shear in a box, by a million paths: its walk has the least noise."""
-    found, walked = CASES["a sheared absorbing box seen aside"]
-    (value, error, _), (expected, noise, _) = found(1.0, paths=1_000_000, seed=1, threads=1), walked(1_000_000)
-    assert_z(value, expected, np.hypot(error, noise), degrees=BATCHES - 1)
-    wrong, error, _ = found(1.01, paths=1_000_000, seed=1, threads=1)
-    refute_z(wrong, expected, np.hypot(error, noise), degrees=BATCHES - 1)
