@@ -25,8 +25,8 @@ SCENES = {
 @pytest.mark.parametrize("name", SCENES)
 def test_plans_tell_what_is_done(name):
     text = sg.plan(SCENES[name], paths=1000).explain()
-    kinds = {"voxels": "Grid of 1x2 voxels", "slab": "Slab 9 thick of optical depth 1.8"}
-    assert text.startswith(kinds.get(name, "Box of optical depth 2"))
+    kinds = {"voxels": "Grid of 1x2 voxels", "slab": "Slab 9 thick, optical depth 1.8"}
+    assert text.startswith(f"Scene:       {kinds.get(name, 'Box optical depth 2')}")
     assert "1000 paths" in text
     assert "paths in lock step and NUFFT: left out" in text
     assert "nan" not in text

@@ -8,7 +8,6 @@ results, and only there: without a cache on disk plans state the seconds of the 
 import time
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
@@ -59,15 +58,14 @@ def measured_pace() -> float:
     return float(np.clip(np.exp(np.mean(np.log(ratios))), 1 / _SLOWEST, _SLOWEST))
 
 
+@lru_cache(1)
 def machine_pace() -> float:
-    """Return the pace of this machine from the cache, or measured now and written there; 1 where nothing is cached."""
-    folder = folder_of("pace")
-    return 1.0 if folder is None else _cached_pace(folder)
+    """Return the pace of this machine from the cache, or measured now and written there; 1 where nothing is cached.
 
-
-@lru_cache(8)
-def _cached_pace(folder: Path) -> float:  # noqa: ARG001
-    """Return what is in a folder of the cache."""
+    A process asks once.
+    """
+    if folder_of("pace") is None:
+        return 1.0
     name = name_of("pace of a machine", sorted(REFERENCE.items()), arithmetic())
     content = read("pace", name)
     if content is not None:

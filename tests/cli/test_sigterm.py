@@ -66,7 +66,7 @@ def test_generate_says_that_the_store_goes_on(tmp_path, monkeypatch, capsys):
         commands.main(words)
     assert stopped.value.code == 143
     assert signal.getsignal(signal.SIGTERM) is before
-    assert "run the same command again to go on from there" in capsys.readouterr().err
+    assert "Run the same command again to resume" in capsys.readouterr().err
     assert not [*tmp_path.rglob("*.partial")]
     with pytest.raises(SystemExit) as done:
         commands.main(words)

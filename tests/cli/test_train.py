@@ -18,7 +18,7 @@ def test_it_speaks_at_once_and_ends_with_a_table(tmp_path):
     found = CliRunner().invoke(commands.app, command)
     assert found.exit_code == 0, found.output
     lines = found.output.splitlines()
-    assert lines[0].startswith("train through-slab:")
+    assert lines[0].startswith("Training on through-slab:")
     assert "--seconds 60" in lines[1]  # methods that take seconds are left out, and it says so
     table = (tmp_path / "run" / "summary.md").read_text()
     assert "| untrained network |" in table

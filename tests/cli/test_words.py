@@ -179,7 +179,7 @@ def test_ctrl_c_says_that_the_store_goes_on(tmp_path):
     call.send_signal(signal.SIGINT)
     told_last = call.communicate(timeout=600)[1]
     assert call.returncode == 130
-    assert "run the same command again to go on from there" in told_last
+    assert "Run the same command again to resume" in told_last
     assert "Traceback" not in told_last
 
 

@@ -31,7 +31,8 @@ COMPUTED = {
 """Results: nobody gives their fields."""
 REASONS = {
     "camera pixels": {"Optics.step", "Retrieval.extent", "fit_setup.target_step", "measured_memory_effect.distance",
-                      "multiframe_deconvolution.sigma", "periodogram.sigma", "retrieve_image.extent",
+                      "autocorrelation.sigma", "multiframe_deconvolution.sigma", "periodogram.sigma",
+                      "retrieve_image.extent",
                       "SpeckleLikelihood.of_lags.lags"},
     "shares of the pupil's radius": {"Pupil.waist"},
     "multiples of the duration": {"Pulse.delay"},

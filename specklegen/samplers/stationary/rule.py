@@ -67,7 +67,7 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
         models = [Model(form, enveloped) for enveloped in (False, True) for form in _forms(scene)]
     elif obstacle is None:  # of a recipe's media that of the axis alone
         models = [Model("axial")] if "axial" in _forms(scene) else []
-    if asked and models and _about_axis(scene) and (request.merged or (request.envelope and scene.hides_object)):
+    if asked and models and scene.hides_object and _about_axis(scene) and (request.merged or request.envelope):
         models.append(Model("averaged", enveloped=True))
     if scene.polarisers is not None:  # envelopes are those of light that is the same whichever way it is turned
         models = [model for model in models if not model.enveloped]

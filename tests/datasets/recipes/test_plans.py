@@ -166,7 +166,7 @@ def test_path_sums_of_a_narrow_window_have_the_contrast_that_is_told(more):
 def test_an_unfit_sampler_warns_and_a_strict_recipe_refuses_it():
     asked = {**NARROW, "sampler": "stationary"}
     recipe = load_recipe("through-slab", changed(SMALL, asked))
-    with pytest.warns(sg.DoubtWarning, match=r"off by 0\.0\d+ .*Leave the choice to sampler"):
+    with pytest.warns(sg.DoubtWarning, match=r"correlation error 0\.0\d+ .*Leave the choice to sampler"):
         parameters, used = rendered(recipe)
     assert used == "stationary"
     assert parameters["sampler"] == NUMBERS["stationary"]

@@ -16,7 +16,7 @@ from specklegen.samplers.stationary.rule import scene_envelope, scene_object_map
 from specklegen.synthesis.object_envelope import TOLERANCE
 from specklegen.theory.phase_screens import lobes
 
-HALF, CONCENTRATION, DEPTH = 60, 1000.0, 5.0
+HALF, CONCENTRATION, DEPTH = 60, 950.0, 5.0
 
 
 @pytest.fixture(scope="module")
