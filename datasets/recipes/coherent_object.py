@@ -17,15 +17,14 @@ from pydantic import Field, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.lazy import torch
 from specklegen.core.units import LENGTH, RADIAN, SINE
-from specklegen.core.values import IDENTITY, NonNegative, Positive, Value
-from specklegen.datasets.objects import AnyFamily
+from specklegen.core.values import NonNegative, Positive, Value
 from specklegen.datasets.recipes.media import DrawnMedia
 from specklegen.datasets.recipes.partially_coherent import lattice_media
 from specklegen.datasets.recipes.parts.diffuser import Diffuser
 from specklegen.datasets.recipes.parts.layered_material import LayeredMaterial
 from specklegen.datasets.recipes.parts.light import Lit
 from specklegen.datasets.recipes.parts.material import Material
-from specklegen.datasets.recipes.recipe import Recipe
+from specklegen.datasets.recipes.shown_objects import ShownObjects
 from specklegen.datasets.recipes.specification import PARAMETERS
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.samplers.sampler import Waves
@@ -84,7 +83,7 @@ class CoherentView(NamedTuple):
     full: Scene
 
 
-class CoherentObjects(Recipe):
+class CoherentObjects(ShownObjects):
     """Camera images of coherent objects behind media, mean 1 over the expected intensity of the scattered light.
 
     ``extent_over_range`` among the parameters is that of the angular spectrum of the pixels, wavelength / pitch.
@@ -101,7 +100,6 @@ class CoherentObjects(Recipe):
     """
 
     kind: Literal["coherent-object"] = "coherent-object"
-    objects: AnyFamily
     object: Shown
     mode_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.001
 
@@ -140,15 +138,6 @@ class CoherentObjects(Recipe):
         """No bound: plane waves have cells of their own."""
         return 1, 1
 
-    def physics(self, context: dict[str, bool] | None = IDENTITY) -> dict[str, Any]:
-        """Everything that decides a pixel; a folder of pictures counts by its contents, not by its path."""
-        return super().physics(context) | {"objects": self.objects.identity(context)}
-
-    @property
-    def file_names(self) -> tuple[str, ...]:
-        """Names of the files of the objects, by number."""
-        return self.objects.file_names
-
     def layout(self) -> Mapping[str, ArraySpec]:
         """Shape, type, axes and unit of every array of a sample."""
         return {
@@ -159,13 +148,6 @@ class CoherentObjects(Recipe):
             ),
             "parameters": PARAMETERS,
         }  # fmt: skip
-
-    def split_notes(self) -> str:
-        """Say what the splits share, in Markdown sentences for the data card."""
-        return (
-            f"{super().split_notes()} No object of one split appears in another: "
-            f"the sources of `{self.objects.type}` are dealt to the splits before any sample is drawn."
-        )
 
     def _view(self, medium: Slab | ScreenStack) -> CoherentView:
         light = self.object.light(np.ones((1, *self.objects.shape)), self.geometry.width)
@@ -200,11 +182,9 @@ class CoherentObjects(Recipe):
     def lit(self, drawn: Addresses, numbers: Sequence[int]) -> Lit:
         """Plane waves of objects, the pictures, and their labels."""
         light = self.objects.images(drawn, numbers)
-        labels = [self.objects.labels(self.objects.source(drawn.seed, drawn.split, n)) for n in numbers]
-        put = lambda rows: torch.from_numpy(np.asarray(rows)).to(drawn.device)  # noqa: E731
-        parameters = {name: put([float(each[name]) for each in labels]) for name in labels[0]}
         _, waves = self.object.light(light.cpu().numpy(), self._waves.side).spectrum(self.wavelength)
-        return Lit(put(waves), 2 * np.pi / self._waves.side, parameters, {"object": light})
+        shown = torch.from_numpy(waves).to(drawn.device)
+        return Lit(shown, 2 * np.pi / self._waves.side, self.labels(drawn, numbers), {"object": light})
 
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
         """One image."""

@@ -14,13 +14,12 @@ from specklegen.core.errors import reject, warn_user
 from specklegen.core.lazy import LazyModule, torch
 from specklegen.core.shielded import shielded
 from specklegen.core.units import SINE
-from specklegen.core.values import IDENTITY, Value
+from specklegen.core.values import Value
 from specklegen.datasets.distributions import Draw, ends, require_above
-from specklegen.datasets.objects import AnyFamily
 from specklegen.datasets.recipes.media import DrawnMedia, MediumView
 from specklegen.datasets.recipes.parts.light import Lit
 from specklegen.datasets.recipes.parts.viewing import LEAST_PIXELS, Viewing
-from specklegen.datasets.recipes.recipe import Recipe
+from specklegen.datasets.recipes.shown_objects import ShownObjects
 from specklegen.datasets.recipes.specification import PARAMETERS
 from specklegen.datasets.sample_schema import ArraySpec
 from specklegen.datasets.split import Purpose
@@ -83,7 +82,7 @@ class ObjectField(Value):
         return self
 
 
-class HiddenObject(Recipe):
+class HiddenObject(ShownObjects):
     """Camera images of hidden incoherent objects; mean 1 over the expected intensity of the whole image.
 
     Samples: ``image`` float32[H, W] (or uint16 counts), ``object`` float32[h, w] (brightness 0 to 1). Among the
@@ -105,7 +104,6 @@ class HiddenObject(Recipe):
     looked_up: ClassVar[bool] = True
     fewest_pixels: ClassVar[float] = LEAST_PIXELS
     kind: Literal["hidden-object"] = "hidden-object"
-    objects: AnyFamily
     field: ObjectField | None = None
     mode_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
 
@@ -126,15 +124,6 @@ class HiddenObject(Recipe):
         """True if each medium has a window of its own."""
         return self.field is not None and self.field.pixels is not None
 
-    def physics(self, context: dict[str, bool] | None = IDENTITY) -> dict[str, Any]:
-        """Everything that decides a pixel; a folder of pictures counts by its contents, not by its path."""
-        return super().physics(context) | {"objects": self.objects.identity(context)}
-
-    @property
-    def file_names(self) -> tuple[str, ...]:
-        """Names of the files of the objects, by number."""
-        return self.objects.file_names
-
     def layout(self) -> Mapping[str, ArraySpec]:
         """Shape, type, axes and unit of every array of a sample."""
         return {
@@ -153,13 +142,6 @@ class HiddenObject(Recipe):
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
         """One image."""
         return {"image": images[:, 0]}
-
-    def split_notes(self) -> str:
-        """Say what the splits share, in Markdown sentences for the data card."""
-        return (
-            f"{super().split_notes()} No object of one split appears in another: "
-            f"the sources of `{self.objects.type}` are dealt to the splits before any sample is drawn."
-        )
 
     def host_work(self) -> list[str]:
         """Parts made on the host, pictures of objects among it where the family draws them one by one."""
@@ -305,10 +287,7 @@ class HiddenObject(Recipe):
         settings = {} if self.bench is None else self.bench.of_samples(drawn, numbers)
         if self.bench is not None:
             light = self.bench.moved(light, settings)
-        sources = [self.objects.source(drawn.seed, drawn.split, n) for n in numbers]
-        labels = [self.objects.labels(source) for source in sources]
-        put = lambda rows: torch.tensor(rows, dtype=torch.float64).to(drawn.device)  # noqa: E731
-        parameters = {name: put([each[name] for each in labels]) for name in labels[0]}
+        parameters = self.labels(drawn, numbers)
         if self.bench is not None:
             parameters |= self.bench.told(settings)
         return Lit(light, None, parameters | dict(zip(CENTRE, centres_of(light), strict=True)), {"object": light})

@@ -54,26 +54,26 @@ class CoherentRenderer:
         assert isinstance(drawn_by, ManyObjects)
         return drawn_by.light(self._waves[1])
 
-    def media(self, count: int) -> Iterator[Realization]:
-        """A few transforms each: complex64[T, H, W]."""
+    def _realization(self, number: int) -> np.ndarray:
+        """Fields complex64[T, H, W] of one medium, by a few transforms."""
         import torch
 
         from specklegen.synthesis.gaussian_noise import complex_normals
 
-        for number in range(count):
-            white = complex_normals(self.seed, number, self._drawn_by.normals, torch.complex64)
-            with one_torch_thread():
-                if isinstance(self._drawn_by, OneObject):
-                    field = self._drawn_by.speckle(white)
-                else:
-                    field = self._drawn_by.speckle(self._drawn_by.medium(white), self._light)
-            yield Realization(field.numpy())
+        white = complex_normals(self.seed, number, self._drawn_by.normals, torch.complex64)
+        with one_torch_thread():
+            if isinstance(self._drawn_by, OneObject):
+                return self._drawn_by.speckle(white).numpy()
+            return self._drawn_by.speckle(self._drawn_by.medium(white), self._light).numpy()
+
+    def media(self, count: int) -> Iterator[Realization]:
+        """Fields of one medium after the other."""
+        return (Realization(self._realization(number)) for number in range(count))
 
     def fields(self, number: int) -> Iterator[tuple[Where, np.ndarray]]:
         """All at once."""
-        *_, last = self.media(number + 1)
-        rows, columns = self.scene.sensor.shape
-        yield (slice(0, len(last.image)), slice(0, rows), slice(0, columns)), last.image
+        image = self._realization(number)
+        yield tuple(slice(0, n) for n in image.shape), image  # type: ignore[misc]
 
 
 def coherent_cost(scene: Scene, once: Mapping[str, float], modes: int | None = None) -> Cost:
@@ -111,7 +111,7 @@ def coherent_decision(scene: Scene, ratio: float, mean: bool) -> list[Decision]:
     light = scene.illumination
     waves = len(scene.beams.directions)
     said = Decision(
-        "coherent objects", True, f"the fields of {waves} plane waves through a window {scene.beams.width:.4g} wide "
+        "coherent objects", True, f"the fields of {waves} plane waves, illuminated width {scene.beams.width:.4g}, "
         f"add up, for each of {len(light.vectors)}: by modes of the memory effect between them",
     )  # fmt: skip
     reason = "asked for" if mean else "not asked for (mean=True adds it)"

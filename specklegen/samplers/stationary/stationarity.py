@@ -224,7 +224,7 @@ def _probe_lights(scene: Scene, between: float | None) -> np.ndarray:
 
     Of a hidden object under an envelope those that lie ``between`` them and the middle, too, for its pixels are
     everywhere. Of one without (None) the middle alone, where its phase functions are one: one image adds up all of its
-    beams, whose phase functions lie on either side of it.
+    beams, whose light spreads on either side of it.
     """
     directions = scene.beams.directions
     middle, sines = reference_direction(directions)[:2], directions[:, :2]
