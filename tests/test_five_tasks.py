@@ -83,7 +83,7 @@ def test_pictures_to_a_network_beside_katz(reader, setup):
     reader.types(setup, "specklegen preview setup.toml")
     train = reader.read("docs/start.md", "Train")
     reader.types(train, "specklegen train setup.toml")
-    assert "phase retrieval" in reader.types(train, "specklegen evaluate runs/setup/best.pt")
+    assert "| Katz |" in reader.types(train, "specklegen evaluate runs/setup/best.pt")
     reader.says("pictures to a network")
 
 
