@@ -26,7 +26,7 @@ class Gaussianity:
     ----------
     contributions : float
         Effective number of contributions to a field, (sum w)^2 / sum w^2 over its connections; infinite where
-        the field is drawn from Gaussian numbers.
+        the field is drawn from Gaussian numbers, and 0 where phases are drawn and no Gaussian statistics are assumed.
     kurtosis_excess : float
         E|u|^4 / (E|u|^2)^2 - 2.
     """
@@ -42,6 +42,8 @@ class Gaussianity:
     def __str__(self) -> str:
         if np.isinf(self.contributions):
             return "Gaussian by construction."
+        if not self.contributions:
+            return "not Gaussian, as phases are drawn."
         decision = "enough paths to be Gaussian" if self.enough else "TOO FEW paths to be Gaussian: ask for more"
         return (
             f"{decision} (about {self.contributions:.3g} effective contributions to each field, kurtosis excess "
@@ -49,7 +51,7 @@ class Gaussianity:
         )
 
 
-EXACT = Gaussianity(np.inf, 0.0)
+EXACT, DRAWN = Gaussianity(np.inf, 0.0), Gaussianity(0.0, np.nan)
 
 
 @dataclass(frozen=True)

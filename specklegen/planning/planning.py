@@ -34,6 +34,7 @@ from specklegen.samplers.coherent_fields import coherent_decision, coherent_mean
 from specklegen.samplers.covariance.sampler import Eigenfields
 from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.samplers.sampler import AnySampler, Request, Sampler, asked_sampler, require_float32
+from specklegen.samplers.screens.drawn import drawn_decision
 from specklegen.samplers.screens.sampler import Screens
 from specklegen.samplers.stationary.convolution import Convolution
 from specklegen.samplers.stationary.sampler import Stationary
@@ -302,12 +303,16 @@ def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
         said = [each for each in made.decisions if each.part == "stationary sampler"]
         return replace(summed, decisions=(*summed.decisions, *said))
     chosen = replace(made.chosen, scene=scene)  # type: ignore[type-var]
+    kept = [each for each in made.decisions if each.part != "mean (ballistic) field"]
+    drawn = drawn_decision(scene, kept)
+    if drawn is not None:
+        chosen = replace(chosen, drawn=True)  # type: ignore[call-arg]
+        kept = [drawn, *(each for each in kept if each.part != drawn.part)]
     cost, threads = chosen.cost(), thread_count(budget.threads)
     needed = chosen.memory(threads)
     _require_memory(scene, needed, chosen.paths)
     area = scene.beams.window.area
     ratio = coherent_mean(scene, chosen.intensity / area, scene.optical_depth)
-    kept = [each for each in made.decisions if each.part != "mean (ballistic) field"]
     return replace(
         made, scene=scene, chosen=chosen, mean=options.mean,
         decisions=(*coherent_decision(scene, ratio, options.mean), *kept), operations=dict(cost.first),

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -13,12 +13,34 @@ from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.samplers.sampler import FIXED_BYTES, TORCH_BYTES, Realization, Where
 from specklegen.scene.scene import Scene
-from specklegen.synthesis.coherent import ManyObjects, OneObject, WaveGrid, wave_grid
+from specklegen.synthesis.coherent import OneObject, WaveGrid, wave_grid
 
 if TYPE_CHECKING:
     import torch
 
-Drawing = Callable[[WaveGrid, np.ndarray], OneObject | ManyObjects]
+
+class AnyObject(Protocol):
+    """Draws any object behind one medium, as :class:`~specklegen.synthesis.coherent.ManyObjects` does."""
+
+    @property
+    def normals(self) -> tuple[int, ...]:
+        """Shape of the noise."""
+        ...
+
+    def medium(self, white: "torch.Tensor") -> "torch.Tensor":
+        """Return a medium, from noise."""
+        ...
+
+    def light(self, amplitudes: np.ndarray) -> "torch.Tensor":
+        """Return the light of objects complex[T, M, M]."""
+        ...
+
+    def speckle(self, medium: "torch.Tensor", light: "torch.Tensor") -> "torch.Tensor":
+        """Return fields complex64[T, H, W]."""
+        ...
+
+
+Drawing = Callable[[WaveGrid, np.ndarray], OneObject | AnyObject]
 """(plane waves and camera, amplitudes complex128[T, M, M]) -> what draws their speckle."""
 _TYPICAL_MODES = 8  # of a medium that several objects see, before K is known
 
@@ -44,14 +66,14 @@ class CoherentRenderer:
         return wave_grid(self.scene.illumination, self.scene.wavelength, self.scene.grid)
 
     @cached_property
-    def _drawn_by(self) -> OneObject | ManyObjects:
+    def _drawn_by(self) -> OneObject | AnyObject:
         with one_torch_thread():
             return self.drawing(*self._waves)
 
     @cached_property
     def _light(self) -> "torch.Tensor":
         drawn_by = self._drawn_by
-        assert isinstance(drawn_by, ManyObjects)
+        assert not isinstance(drawn_by, OneObject)
         return drawn_by.light(self._waves[1])
 
     def _realization(self, number: int) -> np.ndarray:
@@ -112,7 +134,7 @@ def coherent_decision(scene: Scene, ratio: float, mean: bool) -> list[Decision]:
     waves = len(scene.beams.directions)
     said = Decision(
         "coherent objects", True, f"the fields of {waves} plane waves, illuminated width {scene.beams.width:.4g}, "
-        f"add up, for each of {len(light.vectors)}: by modes of the memory effect between them",
+        f"add up, for each of {len(light.vectors)}",
     )  # fmt: skip
     reason = "asked for" if mean else "not asked for (mean=True adds it)"
     return [said, Decision("mean (ballistic) field", mean, f"{reason}: at its brightest view it has {ratio:.2g} times "

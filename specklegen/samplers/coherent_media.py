@@ -9,7 +9,8 @@ from specklegen.core.lazy import torch
 from specklegen.core.most_recent import MostRecent
 from specklegen.core.parallel import one_torch_thread
 from specklegen.kernels import rng
-from specklegen.synthesis.coherent import ManyObjects, WaveGrid, one_object
+from specklegen.samplers.coherent_fields import AnyObject
+from specklegen.synthesis.coherent import WaveGrid, one_object
 
 if TYPE_CHECKING:
     from specklegen.synthesis.streams import Streams
@@ -32,8 +33,8 @@ class CoherentImaging:
         Amplitude of what is not scattered of each plane wave; None where it is blocked or 0.
     walk : float64[Y, X / 2 + 1] or None
         K of one object's light, where every medium is seen once.
-    many : ManyObjects or None
-        Modes of media that many objects see.
+    many : AnyObject or None
+        Draws media that many objects see: their modes, or the phases of screens.
     shared : bool
         Whether media are worth keeping.
     """
@@ -43,7 +44,7 @@ class CoherentImaging:
     intensity: float
     straight: np.ndarray | None
     walk: np.ndarray | None = None
-    many: ManyObjects | None = None
+    many: AnyObject | None = None
     shared: bool = False
     _kept: MostRecent[tuple, Any] = field(default_factory=lambda: MostRecent(_KEPT_BYTES, 4096))
 

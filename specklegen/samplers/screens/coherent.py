@@ -10,6 +10,7 @@ import numpy as np
 from specklegen.samplers.coherent_media import CoherentImaging, straight_waves
 from specklegen.samplers.sampler import MediaRequest
 from specklegen.samplers.screens.correlation import profile, screen_correlation
+from specklegen.samplers.screens.drawn import DrawnScreens, drawn_screens
 from specklegen.scene.screens import ScreenStack
 from specklegen.synthesis.coherent import ManyObjects, WaveGrid, radial, wave_modes
 from specklegen.synthesis.correlations import Tabulated
@@ -19,11 +20,11 @@ _CIRCULAR = 1e-3  # share of the mirrored field that nobody sees
 _CENTRED = 0.5  # pixels that a camera's middle may lie beside the axis, for mirror images to be drawn
 
 
-def screens_drawing(stack: ScreenStack, wavelength: float):  # noqa: ANN201
-    """Return what draws coherent objects behind a stack: (grid, amplitudes) -> ManyObjects."""
+def screens_drawing(stack: ScreenStack, wavelength: float, *, drawn: bool = False):  # noqa: ANN201
+    """Return what draws coherent objects behind a stack: (grid, amplitudes) -> ManyObjects, or its phases."""
 
-    def drawing(grid: WaveGrid, amplitudes: np.ndarray) -> ManyObjects:  # noqa: ARG001
-        return behind_screens(stack, wavelength, grid)
+    def drawing(grid: WaveGrid, amplitudes: np.ndarray) -> ManyObjects | DrawnScreens:  # noqa: ARG001
+        return drawn_screens(stack, wavelength, grid) if drawn else behind_screens(stack, wavelength, grid)
 
     return drawing
 
@@ -55,7 +56,7 @@ def _carried(stack: ScreenStack, wavelength: float, grid: WaveGrid, walk_shares:
     return np.exp(-2j * np.pi / wavelength * (stack.distances[0] - pivot) * square / (1 + cosines))
 
 
-def coherent_imagings(request: MediaRequest) -> list[tuple[list[int], CoherentImaging]]:
+def coherent_imagings(request: MediaRequest, *, drawn: bool = False) -> list[tuple[list[int], CoherentImaging]]:
     """Prepare media of a recipe, behind which coherent objects are seen."""
     waves, prepared = request.waves, []
     assert waves is not None
@@ -65,8 +66,11 @@ def coherent_imagings(request: MediaRequest) -> list[tuple[list[int], CoherentIm
         wavelength = waves.grid.wavelength
         intensity = float(lobes(stack, wavelength).density(np.zeros(1))[0])
         depth, thickness = stack.optical_depth(wavelength), float(stack.distances[0])
-        straight = straight_waves(waves.grid, depth, thickness, intensity) if waves.ballistic else None
-        many = behind_screens(stack, wavelength, waves.grid)
+        beside = waves.ballistic and not drawn
+        straight = straight_waves(waves.grid, depth, thickness, intensity) if beside else None
+        many: ManyObjects | DrawnScreens = behind_screens(stack, wavelength, waves.grid)
+        if drawn:
+            many = drawn_screens(stack, wavelength, waves.grid, waves.ballistic)
         prepared.append(
             ([n], CoherentImaging(waves.grid, waves.divisions, intensity, straight, many=many, shared=request.shared))
         )

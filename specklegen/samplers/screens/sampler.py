@@ -11,6 +11,7 @@ from specklegen.core.decision import Decision
 from specklegen.core.nanoseconds import Cost
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
+from specklegen.paths.gaussianity import DRAWN, EXACT, Gaussianity
 from specklegen.samplers.coherent_fields import CoherentRenderer, coherent_cost, coherent_memory
 from specklegen.samplers.sampler import (
     FIXED_BYTES,
@@ -23,6 +24,7 @@ from specklegen.samplers.sampler import (
     Where,
 )
 from specklegen.samplers.screens.correlation import Envelope, drifts, envelope, screen_correlation
+from specklegen.samplers.screens.drawn import drawn_cost, drawn_memory
 from specklegen.samplers.screens.rule import screens_decision
 from specklegen.scene.scene import Scene
 from specklegen.scene.screens import ScreenStack
@@ -45,10 +47,13 @@ class Screens(MediaSampler, name="screens"):
     ----------
     streamed : bool
         Whether the stack comes tilt by tilt.
+    drawn : bool
+        Whether phases are drawn, of coherent objects that light few correlation lengths.
     """
 
     scene: Scene
     streamed: bool
+    drawn: bool = False
 
     summation = "FFT or matrix products"
     error_of = "intensity scale, which is exact"
@@ -86,8 +91,15 @@ class Screens(MediaSampler, name="screens"):
         """Largest mean intensity."""
         return scattered_intensity(self.scene)
 
+    @property
+    def gaussianity(self) -> Gaussianity:  # type: ignore[override]
+        """Gaussian, unless phases are drawn."""
+        return DRAWN if self.drawn else EXACT
+
     def cost(self) -> Cost:
         """Count the operations of one stack."""
+        if self.drawn:
+            return drawn_cost(self.scene)
         if self.scene.illumination.focused:
             return coherent_cost(self.scene, {}, 1 if len(self.stack.screens) == 1 else None)
         x, y = stack_axes(self._beams, self.drift)
@@ -100,6 +112,8 @@ class Screens(MediaSampler, name="screens"):
 
     def memory(self, threads: int) -> int:
         """Bytes by which the process grows at most."""
+        if self.drawn:
+            return drawn_memory(self.scene)
         if self.scene.illumination.focused:
             return coherent_memory(self.scene)
         held = 1 if self.streamed else len(self.scene.beams.directions)
@@ -110,7 +124,7 @@ class Screens(MediaSampler, name="screens"):
         if request.waves is not None:
             from specklegen.samplers.screens.coherent import coherent_imagings
 
-            return coherent_imagings(request)  # type: ignore[return-value]
+            return coherent_imagings(request, drawn=self.drawn)  # type: ignore[return-value]
         from specklegen.samplers.screens.objects import screen_imagings
 
         return screen_imagings(request)
@@ -120,7 +134,8 @@ class Screens(MediaSampler, name="screens"):
         if self.scene.illumination.focused:
             from specklegen.samplers.screens.coherent import screens_drawing
 
-            return CoherentRenderer(self.scene, screens_drawing(self.stack, self.scene.wavelength), seed)
+            drawing = screens_drawing(self.stack, self.scene.wavelength, drawn=self.drawn)
+            return CoherentRenderer(self.scene, drawing, seed)
         return ScreensRenderer(self, seed)
 
     @property

@@ -103,6 +103,35 @@ def test_ballistic_light_is_that_of_the_scene():
     assert batch(blocked)["image"].max() < 20
 
 
+@pytest.mark.parametrize("ballistic", [True, False])
+def test_few_correlation_lengths_have_drawn_phases(ballistic):
+    """Mean and mean square about the axis are those of the scene, with and without what is not scattered."""
+    few = {"wavelength": 0.633, "screens": [{"type": "PhaseScreen", "rms_phase": 1.0, "correlation_length": 300.0}]}
+    made = recipe(material=few, media="new", object={"pitch": 72.0, "ballistic": ballistic})
+    light = made.object.light(made.objects.image(0, "train", 0)[None], made.geometry.width)
+    scene = made._view(made.material.extremes()[0]).full.replace(illumination=light)
+    plan = sg.plan(scene)
+    assert "phases drawn on" in plan.explain()
+    waves, count = light.spectrum(0.633)[1], 300
+    expected = sg.render(scene, realizations=count, seed=5, mean=ballistic).intensity[:, 0]
+    scale = plan.chosen.intensity * np.square(np.abs(waves)).sum()
+    ready = SpeckleGenerator(made, seed=0).media(list(range(count)))
+    found = np.array([
+        ready.groups[group][1].media(ready.streams.at([n])).superposed(torch.from_numpy(waves), 1.0)[0, 0].numpy()
+        for n, (group, _) in enumerate(ready.at)
+    ])  # fmt: skip
+    n = made._divisions
+    expected = expected.reshape(count, 32, n, 32, n).mean(axis=(2, 4)) / scale
+
+    def moments(images):
+        middle = images[:, 14:18, 14:18]
+        return np.stack([middle.mean(axis=(1, 2)), np.square(middle).mean(axis=(1, 2)), images.mean(axis=(1, 2))], -1)
+
+    one, two = moments(found), moments(expected)
+    assert_mean(one - two, 0.0)
+    refute_mean(one - two * [2.0, 4.0, 2.0], 0.0)
+
+
 @pytest.mark.parametrize(("changes", "message"), [
     ({"window": {"width": 300.0}}, r"CoherentObject\.width must be at least the side"),
     ({"window": {"profile": "disc"}}, "Fourier series"),
