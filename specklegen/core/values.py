@@ -181,7 +181,8 @@ def equals_default(value: Any, field: FieldInfo | None) -> bool:
     """Return whether a field has its default value: arrays by their elements, and True is not 1."""
     if field is None or field.is_required():
         return False
-    default = field.get_default(call_default_factory=True)
+    # Not the copy that get_default makes: a default that is a value remembers its canonical JSON.
+    default = field.default if field.default_factory is None else field.get_default(call_default_factory=True)
     if isinstance(value, np.ndarray) or isinstance(default, np.ndarray):
         return type(value) is type(default) and np.array_equal(value, default)
     return isinstance(value, bool) == isinstance(default, bool) and bool(value == default)
@@ -247,7 +248,7 @@ class Value(BaseModel, metaclass=Legible):
         written = write(self)
         if not for_identity(info):
             return written
-        for name, field in type(self).model_fields.items():
+        for name, field in type(self).__pydantic_fields__.items():
             if name not in NAME_FIELDS and equals_default(getattr(self, name), field):
                 written.pop(name, None)
                 written.pop(field.alias, None)

@@ -94,32 +94,30 @@ def cheapest_threshold(
     largest, brightest = float(judged.max(initial=0.0)), float(contributions.max(initial=0.0))
     if largest == 0 or brightest == 0:
         return 1e-300  # where none of the pilot's light comes out connections of no weight are dropped
-    ordered, sent = _by_brightness(judged, contributions)
-    t = ordered / largest
-    sent, t = sent[:, t > 0], t[t > 0]
+    rows = [None if np.array_equal(row, judged) else row for row in contributions]  # most often judged by itself
+    order = np.argsort(judged) if any(row is not None for row in rows) else None
+    t = (np.sort(judged) if order is None else judged[order]) / largest  # alone in a third of the time
+    first = int(np.searchsorted(t, 0.0, side="right"))  # connections of no weight are left out
+    t = t[first:]
     # Thresholds that are tried: at the brightest connection, the next, and so on to every hundredth.
     tried = np.unique(len(t) - np.geomspace(1, len(t), _TRIED).astype(np.int64))
-    kept = (np.cumsum(t)[tried] / t[tried] + len(t) - 1 - tried) / count
+    sums = np.cumsum(t)[tried]
+    kept = (sums / t[tried] + len(t) - 1 - tried) / count
     relative = np.zeros(len(tried))
-    for each, in_order in zip(contributions, sent, strict=True):
+    for each, row in zip(contributions, rows, strict=True):
         whole = np.bincount(paths, each, count) / brightest
-        if mean := float(whole.mean()):
-            squares = np.square(in_order / brightest)
-            below, over = np.cumsum(squares)[tried], np.cumsum(squares / t)[tried]
-            added = np.maximum(t[tried] * over - below, 0.0) / count
-            relative = np.maximum(relative, (whole.var() + TIMES * added) / mean**2)
-            relative[added > most_added * max(whole.var(), 1e-300)] = math.inf
+        if not (mean := float(whole.mean())):
+            continue
+        if row is None or order is None:
+            below, over, scale = np.cumsum(np.square(t))[tried], sums, largest / brightest
+        else:
+            squares = np.square(row[order[first:]] / brightest)
+            below, over, scale = np.cumsum(squares)[tried], np.cumsum(squares / t)[tried], 1.0
+        added = scale**2 * np.maximum(t[tried] * over - below, 0.0) / count
+        relative = np.maximum(relative, (whole.var() + TIMES * added) / mean**2)
+        relative[added > most_added * max(whole.var(), 1e-300)] = math.inf
     best = np.argmin((event * len(paths) / count + kept) * relative)
     return largest * float(t[tried[best]]) or largest
-
-
-def _by_brightness(judged: np.ndarray, contributions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Brightness that connections are judged by, float64[M] from the faintest on, and float64[P, M] that each sends."""
-    if len(contributions) == 1 and np.array_equal(contributions[0], judged):
-        ordered = np.sort(judged)  # in a third of the time
-        return ordered, ordered[None]
-    order = np.argsort(judged)
-    return judged[order], contributions[:, order]
 
 
 def slab_roulette(tracer: SlabTracer, light: np.ndarray, seed: Seed) -> SlabTracer:
