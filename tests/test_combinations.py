@@ -56,6 +56,8 @@ def media() -> dict[str, Any]:
     found |= {"box": box, "box Brownian": box.replace(motion=MOTIONS[1])}
     found["no albedo"] = sg.Slab(thickness=40.0, mean_free_path=10.0, albedo=0.0, scatterer=forward)
     found["screen"] = sg.media.PhaseScreen(correlation_length=10.0, rms_phase=3.0)
+    found["screens"] = sg.media.ScreenStack(screens=[found["screen"]] * 2, gaps=[50.0])
+    found["moving screens"] = found["screens"].replace(velocities=((1.0, 0.0), (0.0, 0.0)))
     return {name: medium for name, medium in found.items() if medium is not None}
 
 
@@ -92,10 +94,14 @@ def scenes() -> dict[str, Callable]:
     lights = {"tilts": tilts(), "film": tilts(times=[0.0, 0.01]), "exposure": tilts(times=[0.0, 0.1], exposure=0.02),
               "focus": sg.light.FocusedBeams([[0.0, 0.0, 10.0]], waist=4.0),
               "points": sg.light.PointSources(points=[[0.0, 0.0, -50.0]])}  # fmt: skip
+    shown = np.array([[1.0, 1j], [0.0, -1.0]])
+    lights |= {"object": sg.light.CoherentObject(shown, 20.0, distance=30.0),
+               "object, film": sg.light.CoherentObject(shown, 20.0, times=[0.0, 0.01])}  # fmt: skip
     lens = partial(sg.sensors.Imaging, shape=(4, 4), pitch=1.0, aperture=0.1)
     far = partial(sg.sensors.FarField.grid, (4, 4), 1e-3)
     sensors = {"far": far(), "far oblique": far(center=(0.3, 0.1)), "back": far(side="reflection"), "lens": lens(),
-               "lens back": lens(side="reflection")}  # fmt: skip
+               "lens back": lens(side="reflection"),
+               "near": sg.sensors.NearField(np.array([[0.0, 0.0, 60.0], [3.0, 2.0, 80.0]]))}  # fmt: skip
     verbs = {"render": partial(sg.render, paths=60), "covariance": partial(sg.statistics.covariance, paths=64),
              "mean_field": sg.statistics.mean_field, "plan": sg.plan}  # fmt: skip
     found: dict[str, Callable] = {}

@@ -281,7 +281,7 @@ def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
         reject("sampler", '"auto", "stationary", "screens" or "paths" for coherent objects', asked.name,
                "Others know no sums of beams.")  # fmt: skip
     grid = scene.sensor.regular_grid
-    if grid is None or asked is PathSums:
+    if grid is None or asked is PathSums or scene.polarisers is not None or scene.film:
         if scene.thin is not None:
             reject("Scene.sensor", "a regular far-field grid behind thin screens", scene.sensor.type,
                    "Use FarField.grid(...).")  # fmt: skip
@@ -329,7 +329,7 @@ def _planned_focus(scene: Scene, budget: Budget, options: Options) -> Plan:
                "Others have light under the window alone, or know no sums of beams.")  # fmt: skip
     lit, options = scene.replace(illumination=scene.beams), replace(options, sampler=PathSums, envelope=True)
     beam_plan = planned(lit, budget, options)
-    afar = scene if beam_plan.lens is None else scene.replace(sensor=beam_plan.lens.grid)
+    afar = (scene if beam_plan.lens is None else scene.replace(sensor=beam_plan.lens.grid)).at_rest
     moments, lobes = focus_moments(afar, beam_plan.reverse, beam_plan.lens), narrow_lobes(afar, beam_plan.reverse)
     if budget.rel_error is not None:
         paths = moments.paths_for(budget.rel_error, within_image=True)

@@ -18,8 +18,8 @@ from pydantic import Field, model_validator
 from specklegen.core.errors import reject, warn_user
 from specklegen.core.memory import require_memory
 from specklegen.core.quantities import with_units
-from specklegen.core.units import LENGTH, SINE, WAVELENGTH
-from specklegen.core.values import ComplexArray, Finite, NonNegative, Positive, read_only
+from specklegen.core.units import LENGTH, SINE, TIME, WAVELENGTH
+from specklegen.core.values import Array, ComplexArray, Finite, NonNegative, Positive, read_only
 from specklegen.scene.illumination import CollimatedBeams, Light, directions_of_sines
 from specklegen.scene.window import Profile
 
@@ -52,6 +52,9 @@ class CoherentObject(Light):
     aperture
         Largest direction sine inside the medium that a lens or a 4f relay between object and medium lets through. None:
         all sines of the pixels.
+    times
+        float64[T], when each object is shown, before a slab that moves (``Slab(motion=)``); of one object alone, the
+        times of its film. None: all at once.
     width
         Side of the square window on the entrance face, in whole pixels (rounded). None: one and a half times the
         object, and what light spreads over the distance.
@@ -81,6 +84,7 @@ class CoherentObject(Light):
     focus: Annotated[Finite, LENGTH] | None = None
     aperture: Annotated[float, Field(gt=0, lt=1), SINE] | None = None
     width: Annotated[Positive, LENGTH] | None = None
+    times: Annotated[Array, TIME] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -88,6 +92,8 @@ class CoherentObject(Light):
             reject("CoherentObject.field", "an array of shape (h, w) or (T, h, w)", self.field.shape)
         if self.focus == 0:
             reject("CoherentObject.focus", "other than 0", self.focus, "The beam would converge onto one point of it.")
+        if self.times is not None and self.times.shape != (len(self.fields),):
+            reject("CoherentObject.times", f"{len(self.fields)} numbers, one an object", self.times.shape)
         side = max(self.fields.shape[1:]) * self.pitch
         if self.width is not None and self.width < side * (1 - 1e-9):
             reject("CoherentObject.width", f"at least the side of the object, {side:.4g}", self.width,
@@ -102,8 +108,10 @@ class CoherentObject(Light):
 
     @cached_property
     def fields(self) -> np.ndarray:
-        """complex128[T, h, w], all objects."""
-        return self.field if self.field.ndim == 3 else self.field[None]
+        """complex128[T, h, w], all objects; of one alone, as often as there are times."""
+        fields = self.field if self.field.ndim == 3 else self.field[None]
+        frames = 1 if self.times is None or self.times.ndim != 1 else len(self.times)
+        return fields if len(fields) > 1 else np.broadcast_to(fields, (frames, *fields.shape[1:]))
 
     @property
     def vectors(self) -> np.ndarray:
@@ -112,7 +120,8 @@ class CoherentObject(Light):
 
     def of(self, chosen: np.ndarray) -> Self:
         """Return some of the objects, by their numbers int[n]."""
-        return self.replace(field=self.fields[chosen])
+        times = None if self.times is None else self.times[chosen]
+        return self.replace(field=self.fields[chosen], times=times)
 
     def _axes(self) -> tuple[np.ndarray, np.ndarray]:
         """Centres of the pixels, x float64[1, w] and y float64[h, 1]."""
@@ -205,17 +214,20 @@ class CoherentObject(Light):
 
     @with_units
     def modes(self, wavelength: Annotated[float, WAVELENGTH]) -> CollimatedBeams:
-        """The N collimated beams that every object is a sum of."""
+        """The N collimated beams that every object is a sum of; with times, as many for each of them."""
         sines, _ = self._waves(wavelength)
+        directions, times = directions_of_sines("CoherentObject", sines), self.times
+        if times is not None:
+            directions, times = np.tile(directions, (len(times), 1)), np.repeat(times, len(directions))
         return CollimatedBeams(
-            directions=read_only(directions_of_sines("CoherentObject", sines)), width=self.side(wavelength),
-            profile=self.profile,
-        )  # fmt: skip
+            directions=read_only(directions), width=self.side(wavelength), profile=self.profile, times=times
+        )
 
     @with_units
     def amplitudes(self, wavelength: Annotated[float, WAVELENGTH]) -> np.ndarray:
-        """complex128[T, N], those of the beams in every object."""
-        return self._waves(wavelength)[1]
+        """complex128[T, N], those of the beams in every object; with times [T, T N], 0 at those of others."""
+        own = self._waves(wavelength)[1]
+        return own if self.times is None else (np.eye(len(own))[..., None] * own).reshape(len(own), -1)
 
     @with_units
     def outermost(self, wavelength: Annotated[float, WAVELENGTH]) -> CollimatedBeams:

@@ -91,7 +91,7 @@ class Scene(Value, Pictured):
         if getattr(self.illumination, "times", None) is not None:  # beams alone have any
             moves = self.medium.moves if self.thin is None else self.thin.velocities is not None
             if not moves:
-                reject("CollimatedBeams.times", "left out before a medium that does not move", "times",
+                reject(f"{self.illumination.type}.times", "left out before a medium that does not move", "times",
                        "Only a ScreenStack with velocities moves, and a medium with a motion.")  # fmt: skip
             if self.thin is None:
                 self._require_film()
@@ -128,7 +128,7 @@ class Scene(Value, Pictured):
         if self.polarisers is None:
             reject("Scene.polarisers", "given before a polarised medium", None,
                    "Polarisers.parallel() or crossed(); without an analyser both images of a seed add up.")  # fmt: skip
-        served = self.illumination.limited and not self.illumination.focused
+        served = self.illumination.limited and (self.illumination.gridded or not self.illumination.focused)
         served = served and not self.sensor.near and not self.sensor.focused
         if not served or getattr(self.illumination, "exposure", None) is not None:
             reject("Scene.medium", 'of polarisation = "scalar" here', polarisation,
@@ -185,7 +185,8 @@ class Scene(Value, Pictured):
                    indices or self.medium.faces,
                    "Points beyond a refracting face and flatland are not modelled: leave faces out, or use "
                    "CollimatedBeams or an IncoherentObject with a far-field sensor.")  # fmt: skip
-        if (self.sensor.focused or self.illumination.focused) and as_slab(self.slab) is None:
+        light = self.illumination
+        if (self.sensor.focused or (light.focused and not light.gridded)) and as_slab(self.slab) is None:
             reject(f"{self.medium.type}.{'layers' if indices else 'faces'}", "of one index before a lens",
                    indices or self.medium.faces,
                    "Leave the steps out: a lens knows the faces of a Slab alone.")  # fmt: skip
@@ -204,6 +205,10 @@ class Scene(Value, Pictured):
         if self.sensor.near or self.side < 0:
             reject("Scene.sensor", f"in the far field, in transmission, behind a {medium.type}", self.sensor.type,
                    "Use FarField.grid(...): a thin screen sends no light back.")  # fmt: skip
+        if light.gridded and getattr(light, "times", None) is not None:
+            reject("CoherentObject.times", f"left out in front of a {medium.type}", "times",
+                   "Make the film of its plane waves, modes(wavelength).replace(times=...), frame by frame, and add up "
+                   "their fields with amplitudes(wavelength).")  # fmt: skip
         stack = require_thin(medium, self.wavelength)  # type: ignore[arg-type]
         lengths = {"Scene.wavelength": self.wavelength, f"{light.type}.width": self.beams.width}
         lengths |= {f"{medium.type}.correlation_length": length for length in stack.correlation_lengths}
@@ -299,6 +304,8 @@ class Scene(Value, Pictured):
 
     @cached_property
     def _at_rest(self) -> Self:
+        if self.illumination.gridded:
+            return self.replace(illumination=self.illumination.replace(times=None))
         directions = self.illumination.vectors
         if self.film:
             first = np.unique(directions, axis=0, return_index=True)[1]

@@ -1,5 +1,7 @@
 """Coherent objects as light of a scene: the field on the face, single waves, sums over beams, plans and refusals."""
 
+import warnings
+
 import numpy as np
 import pytest
 from references.rayleigh_sommerfeld import propagated_field
@@ -97,6 +99,66 @@ def test_rendered_fields_are_sums_over_a_transmission_matrix():
     assert np.abs(field - wrong).max() > 0.1 * np.abs(expected).max()
 
 
+HG, CROSSED = sg.media.HenyeyGreenstein(0.7), sg.light.Polarisers.crossed()
+FAR, BACK = (sg.sensors.FarField.grid((6, 6), 2e-3, side=side) for side in ("transmission", "reflection"))
+LENS = sg.sensors.Imaging(shape=(4, 4), pitch=4.0, aperture=0.05)
+THIN = sg.Slab(thickness=60.0, mean_free_path=10.0, scatterer=HG)
+BROWNIAN = THIN.replace(motion=sg.media.Brownian(diffusion=1.0))
+COMBINATIONS = {
+    "faces": (THIN.replace(faces=sg.media.Faces(inside=1.4)), FAR, None, None),
+    "layers of two indices": (
+        sg.Layers([sg.media.Layer(thickness=30.0, mean_free_path=10.0, scatterer=HG, index=1.3),
+                   sg.media.Layer(thickness=30.0, mean_free_path=10.0, scatterer=HG)]), FAR, None, None),
+    "box": (sg.media.Box(lower=[-90, -90, 0], upper=[90, 90, 40], mean_free_path=20.0, scatterer=HG), FAR, None, None),
+    "reflection": (THIN, BACK, None, None),
+    "near field": (THIN, sg.sensors.NearField(np.array([[0.0, 3.0, 90.0], [9.0, 0.0, 90.0]])), None, None),
+    "lens": (THIN, LENS, None, None),
+    "lens, reflection": (THIN, LENS.replace(side="reflection"), None, None),
+    "vector": (THIN.replace(polarisation="vector", scatterer=sg.media.Rayleigh()), FAR, CROSSED, None),
+    "vector, reflection": (THIN.replace(polarisation="vector", scatterer=sg.media.Rayleigh()), BACK, CROSSED, None),
+    "projector, layers": (
+        sg.Layers([sg.media.Layer(thickness=30.0, mean_free_path=10.0, scatterer=HG)] * 2, polarisation="projector"),
+        FAR, CROSSED, None),
+    "film": (BROWNIAN, FAR, None, [0.0, 1e-3]),
+    "film, lens": (BROWNIAN, LENS, None, [0.0, 1e-3]),
+    "film, projector": (BROWNIAN.replace(polarisation="projector"), FAR, CROSSED, [0.0, 1e-3]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", COMBINATIONS)
+def test_every_combination_is_the_sum_of_its_plane_waves(name):
+    """Of a converging beam through a lens: a sum of the beams' fields, amplitudes found by hand; conjugates are told.
+
+    Frames of a film are under beams of their own.
+    """
+    medium, sensor, polarisers, times = COMBINATIONS[name]
+    objects = LETTER[:, 1:7] if times else np.stack([LETTER[:, 1:7], LETTER[::-1, 1:7]])
+    light = CoherentObject(objects, 20.0, distance=50.0, waist=90.0, focus=4000.0, aperture=0.02, times=times)
+    with pytest.warns(sg.DoubtWarning, match="does not resolve pixels"):
+        seen = sg.Scene(wavelength=1.0, medium=medium, illumination=light, sensor=sensor, polarisers=polarisers)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", sg.DoubtWarning)  # few paths
+        field = sg.render(seen, sampler="paths", paths=100, seed=3, threads=1).field
+        beams = sg.render(seen.replace(illumination=seen.beams), sampler="paths", paths=100, seed=3, threads=1).field
+    frames = len(field)
+    own = light.replace(times=None)
+    amplitudes, directions = own.amplitudes(1.0), own.modes(1.0).directions
+    np.testing.assert_array_equal(seen.beams.directions[: len(directions)], directions)
+    if times:
+        np.testing.assert_array_equal(
+            seen.beams.times.reshape(frames, -1), np.repeat(times, len(directions)).reshape(frames, -1)
+        )
+        amplitudes, beams = np.tile(amplitudes, (frames, 1)), beams.reshape(frames, len(directions), *beams.shape[1:])
+        expected = np.stack([np.tensordot(a, b, axes=1) for a, b in zip(amplitudes, beams, strict=True)])
+        assert not np.allclose(expected[0], expected[1], rtol=1e-3)
+        wrong = expected[::-1]
+    else:
+        expected, wrong = (np.tensordot(a, beams, axes=1) for a in (amplitudes, amplitudes.conj()))
+    assert np.abs(expected).max() > 0
+    assert np.abs(field - expected).max() < 1e-5 * np.abs(expected).max()
+    assert np.abs(field - wrong).max() > 0.02 * np.abs(expected).max()
+
+
 @pytest.mark.slow
 def test_the_stationary_sampler_is_path_sums_in_the_mean():
     """Mean intensities within 2 %, and the products of two objects' fields, at lags of views, of 24 media each."""
@@ -144,6 +206,8 @@ def test_thin_media_are_planned_by_the_screens_sampler(medium):
     (r"CoherentObject\.pitch must be at least half a wavelength", {"pitch": 0.4}),
     (r"CoherentObject\.focus must be at least", {"focus": 100.0}),
     (r"CoherentObject\.focus must be other than 0", {"focus": 0.0}),
+    (r"CoherentObject\.times must be 1 numbers", {"times": [[0.0, 1.0]]}),
+    (r"CoherentObject\.times must be left out before a medium that does not move", {"times": [0.0, 1.0]}),
 ])  # fmt: skip
 def test_refused(message, change):
     assert_refused(lambda: scene(CoherentObject(**{"field": LETTER, "pitch": 20.0} | change)), message)
