@@ -214,7 +214,7 @@ class Value(BaseModel, metaclass=Legible):
 
     def __init__(self, *unnamed: Any, **fields: Any) -> None:
         owner = type(self).__name__
-        first = positional(type(self))
+        first = positional(type(self)) if unnamed else []
         if len(unnamed) > len(first) or set(first[: len(unnamed)]) & fields.keys():
             names = ", ".join(field.alias or name for name, field in type(self).model_fields.items())
             reject(owner, f"given by the names of its fields ({names})", unnamed, "Write name=value.")

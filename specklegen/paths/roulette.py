@@ -163,8 +163,8 @@ def _slab_threshold(
 
 def _how_far(bank: PathBank, thickness: float) -> np.ndarray:
     """Share float64[M] of connections' light in what decorrelates: the square of how far they go sideways, up to 1."""
-    aside = np.square(bank.exit[:, :2] - bank.entry[:, :2]).sum(axis=1)
-    return np.minimum(aside / thickness**2, 1.0)
+    x, y, _ = (bank.exit - bank.entry).T
+    return np.minimum((x * x + y * y) / thickness**2, 1.0)
 
 
 def volume_roulette(tracer: VolumeTracer, seed: Seed) -> VolumeTracer:
