@@ -263,7 +263,7 @@ class SpeckleGenerator:
         images = torch.zeros((len(media), *shape), device=self.device)
         for places, batch, imaging in _grouped(ready):
             for some in _chunks(places, self._chunk(imaging, batch.streams)):
-                at = self.drawn.put(some)
+                at = slice(some[0], some[0] + 1) if len(some) == 1 else self.drawn.put(some)
                 images[at] = self._rendered([media[p] for p in some], imaging, batch, [ready[p][1] for p in some],
                                             lit.at(at))  # fmt: skip
         return images

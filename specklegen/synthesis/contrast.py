@@ -23,6 +23,7 @@ from typing import Self
 import numpy as np
 import torch
 
+from specklegen.kernels.bright_pairs import fill_extent, fill_pairs
 from specklegen.scene.window import Window
 from specklegen.synthesis.correlations import Correlations, LightBatch
 from specklegen.synthesis.exit_grid import disc_power
@@ -31,6 +32,7 @@ from specklegen.synthesis.modes import on_differences, on_signed_differences, on
 from specklegen.synthesis.sight import Sight
 
 _WITHIN = 8  # steps across a pixel
+_MOST_PRODUCTS = 2**19  # of pixels, beyond which transforms are faster
 
 
 def _power_on_the_cpu(
@@ -93,7 +95,7 @@ def speckle_variance(sight: Sight, correlations: Correlations, light: LightBatch
     ones = torch.ones(len(sight), dtype=torch.float64, device=sight.device)
     modes = [(ones, correlations)] if light is None else [*zip(light.shares.unbind(1), light.modes, strict=True)]
     shape, wavevector = sight.shape, sight.wavenumber * sight.object_pitch
-    shown = window_variance(sight)
+    shown = window_variance(sight.one if one_by_one(sight.device) else sight)
     if not all(k.isotropic for _, k in modes):
         signed = [share.square()[:, None, None] * on_signed_differences(k, shape, wavevector).square()
                   for share, k in modes]  # fmt: skip
@@ -211,13 +213,21 @@ def _contrast_on_the_cpu(light: torch.Tensor, variance: torch.Tensor) -> torch.T
         brightness, own = light[:, 0, 0].double().numpy(), variance[:, 0, 0].numpy()
         return torch.from_numpy(np.sqrt(np.maximum(np.square(brightness) * own, 0.0)) / brightness)
     contrasts = []
-    for brightness, own in zip(light.double().numpy(), variance.numpy(), strict=True):
+    for bright, own in zip(light.numpy(), variance.numpy(), strict=True):
+        fill_extent(bright, extent := np.empty(5, np.int64))
+        top, left, bottom, right, lit = extent.tolist()
+        brightness = bright[top:bottom, left:right].astype(np.float64)
         rows, columns = brightness.shape
-        grid = 2 * rows - 1, 2 * columns - 1
-        pairs = np.fft.irfft2(np.square(np.abs(np.fft.rfft2(brightness, grid))), grid)
-        if own.shape != grid:
-            y, x = (np.minimum(np.arange(n), n - np.arange(n)) for n in grid)
-            own = own[y[:, None], x]
+        pairs = np.empty((rows, 2 * columns - 1))
+        if lit * rows * columns <= _MOST_PRODUCTS:
+            fill_pairs(brightness, pairs)
+        else:
+            grid = 2 * rows - 1, 2 * columns - 1
+            products = np.fft.irfft2(np.square(np.abs(np.fft.rfft2(brightness, grid))), grid)
+            pairs[:] = np.roll(products, columns - 1, 1)[:rows]
+        pairs[1:] *= 2  # of either sign
+        apart = np.arange(1 - columns, columns)
+        own = own[:rows, np.abs(apart) if own.shape == bright.shape else apart]
         contrasts.append(np.sqrt(max((pairs * own).sum(), 0.0)) / brightness.sum())
     return torch.tensor(contrasts, dtype=torch.float64)
 

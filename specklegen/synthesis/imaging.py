@@ -25,7 +25,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -34,6 +34,7 @@ from specklegen.core.budgets import require_time
 from specklegen.core.errors import counted, reject
 from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import seconds
+from specklegen.kernels.bright_pairs import fill_extent
 from specklegen.kernels.bright_points import add_power, fill_turned
 from specklegen.synthesis import optics
 from specklegen.synthesis.contrast import speckle_contrast, speckle_variance, window_powers
@@ -42,7 +43,7 @@ from specklegen.synthesis.exit_grid import disc_power
 from specklegen.synthesis.films import film_root, filmed
 from specklegen.synthesis.modes import Modes, karhunen_loeve, one_by_one, polynomial_bytes
 from specklegen.synthesis.nodes import Nodes, node_spectrum, nodes_of
-from specklegen.synthesis.sight import Sight, lags_between
+from specklegen.synthesis.sight import Sight, centred, lags_between
 from specklegen.synthesis.streams import Streams
 
 Box = tuple[slice, slice]
@@ -66,7 +67,7 @@ class Imaging:
     mixing : complex[M, N, R, R] or None
         Root of each light mode's share, times what turns the modes of K into its own; None of one mode.
     flat : float64[M]
-        Share of the light that comes as an even brightness.
+        Share of the light that comes as an even brightness; of one mode of light 0, ``even`` False.
     cells : int64[M, 2]
         Cells of the exit plane along (y, x).
     size : float64[M, 2]
@@ -75,10 +76,8 @@ class Imaging:
         Window b(x), its squares of sum 1.
     object_rows, object_columns : complex[M, n, h], complex[M, w, m]
         Transforms e^(ik i_j . s) of object pixels at the lags, of which n x m are distinguished.
-    camera_rows : complex[M, T, H, n]
-        Transform from lags to camera pixels.
-    camera_columns : real[M, T, W, 2 m]
-        Its other half, real and imaginary parts of the conjugate, of whose product only the real part is wanted.
+    camera_rows, camera_columns : complex[M, T, H, n], real[M, T, W, 2 m]
+        Transform from lags to camera pixels; on the CPU half of either. See :func:`optics.seen`.
     variance : float64[M, h, w] or float64[M, 2h - 1, 2w - 1]
         Covariance of the images of two object pixels at one camera pixel, over the square of their mean, by the
         difference (row, column) between them; of a memory effect that is not round by that of either sign.
@@ -86,6 +85,10 @@ class Imaging:
         Size of the lag grid.
     shape : (h, w)
         Of the object.
+    camera : (H, W)
+        Pixels.
+    turns : real[M, T or 0, n + m, 2] or None
+        On the CPU, phasors of the base tilts at the lags along y and x; 0 of them where all are 1.
     gains, polynomials : real[M, T, P, H, W], real[P, h, w], or None
         Where light stays about its beam: the envelope of a beam at each view, as a sum of products of a map of the
         camera and one of the object.
@@ -109,6 +112,9 @@ class Imaging:
     variance: torch.Tensor
     lags: tuple[int, int]
     shape: tuple[int, int]
+    camera: tuple[int, int]
+    turns: torch.Tensor | None = None
+    even: bool = True
     gains: torch.Tensor | None = None
     polynomials: torch.Tensor | None = None
     merged: bool = False
@@ -135,7 +141,8 @@ class Imaging:
     @property
     def statics(self) -> tuple:
         """All that has none."""
-        return self.lags, self.shape, self.mixing is None, self.polynomials is None, self.merged, self.film is None
+        kinds = self.mixing is None, self.polynomials is None, self.film is None
+        return self.lags, self.shape, *kinds, self.merged, self.even
 
     @property
     def rank(self) -> int:
@@ -150,7 +157,7 @@ class Imaging:
     @property
     def views(self) -> tuple[int, int, int]:
         """Images of one medium at rest, and their shape: (T, H, W)."""
-        return self.modes.shape[1], self.camera_rows.shape[2], self.camera_columns.shape[2]
+        return self.modes.shape[1], *self.camera
 
     @property
     def spectra_bytes(self) -> int:
@@ -181,15 +188,17 @@ class Imaging:
             Of the light in each polarisation; by default all have the same.
         """
         count, halves, frames, _ = keys.shape
-        envelope = self.envelope if len(self.envelope) == 1 else self.envelope.repeat_interleave(halves, 0)
-        rows, columns = self.cells.expand(count, 2).repeat_interleave(halves, 0).unbind(1)
+        twice = lambda rows: rows if halves == 1 else rows.repeat_interleave(halves, 0)  # noqa: E731
+        envelope = self.envelope if len(self.envelope) == 1 else twice(self.envelope)
+        rows, columns = twice(self.cells.expand(count, 2)).unbind(1)
         drawn = optics.fields(
-            keys.flatten(0, 1), sample, still.repeat_interleave(halves), rows, columns, envelope,
+            keys.flatten(0, 1), sample, twice(still), rows, columns, envelope,
             self.draws * self.rank, [*(self.envelope.shape[1:] if one_by_one(keys.device) else self.lags)],
         )  # fmt: skip
         if self.film is not None:
             drawn = filmed(self.film if len(self.film) == 1 else self.film.repeat_interleave(halves, 0), drawn)
-        drawn = torch.view_as_complex(drawn).unflatten(2, (self.draws, self.rank))
+        drawn = torch.view_as_complex(drawn)
+        drawn = drawn.view(*drawn.shape[:2], self.draws, self.rank, *drawn.shape[3:])
         if self.mixing is not None:
             mixing = self.mixing if len(self.mixing) == 1 else self.mixing.repeat_interleave(halves, 0)
             drawn = (mixing[:, None] @ drawn.flatten(4)).view_as(drawn)
@@ -212,7 +221,8 @@ class Imaging:
         """
         views = torch.fft.ifft2(drawn.flatten(0, 1), s=self.lags, norm="forward")
         products = optics.pair_products(torch.view_as_real(views))
-        return torch.fft.rfft2(products, norm="forward").unflatten(0, drawn.shape[:2])
+        products = products.view(*drawn.shape[:2], *products.shape[1:])
+        return torch.fft.rfft2(products, norm="forward")
 
     def images(self, spectra: torch.Tensor, light: torch.Tensor, box: Box = WHOLE) -> torch.Tensor:
         """Images over their expected value of even light, real[B, T or F, H, W], from a medium's :meth:`spectra`.
@@ -221,7 +231,9 @@ class Imaging:
         dark.
         """
         rows, columns = box
-        modes = self.modes.expand(len(light), -1, -1, -1).unflatten(3, self.shape)[..., rows, columns].flatten(3)
+        modes = self.modes.expand(len(light), -1, -1, -1)
+        if box != WHOLE:
+            modes = modes.unflatten(3, self.shape)[..., rows, columns].flatten(3)
         some = self.transforms
         if self.shape != (1, 1):
             some |= {
@@ -335,12 +347,15 @@ class Imaging:
         return speckle_contrast(light, own.expand(len(light), -1, -1))
 
     @property
-    def transforms(self) -> dict[str, torch.Tensor]:
+    def transforms(self) -> dict[str, Any]:
         """Transforms, as :func:`optics.images` wants them."""
         names = ("object_rows", "object_columns", "camera_rows", "camera_columns")
-        return {name: getattr(self, name) for name in names}
+        some = {name: getattr(self, name) for name in names}
+        return some if self.turns is None else some | {"turns": self.turns, "camera": self.camera}
 
     def _even(self, seen: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+        if not self.even:
+            return seen
         even = (self.flat * light.sum((1, 2), dtype=torch.float64)).to(seen.dtype)
         return seen + even[:, None, None, None]
 
@@ -533,7 +548,11 @@ def imagings(
     """
     _require_time(sight, light)
     variance = speckle_variance(sight, correlations, light)
-    whole = {"variance": variance} | _seen(sight, precise) if sight.bound is not None or len(sight) == 1 else None
+    whole = None
+    if sight.bound is not None or len(sight) == 1:
+        one = sight.one if one_by_one(sight.device) else sight  # for all, where they are seen in the same way
+        whole = {"variance": variance} | {name: value.expand(len(sight), *value.shape[1:])
+                                          for name, value in _seen(one, precise).items()}  # fmt: skip
     prepared = []
     for places, modes in karhunen_loeve(correlations, sight.lattice, tolerance):
         groups = _groups(modes, exact=light is not None and light.shares.shape[1] > 1)
@@ -631,6 +650,8 @@ def _imaging(
         flat=flat,
         lags=lags,
         shape=sight.shape,
+        camera=sight.camera,
+        even=light is not None,
         film=None if film is None else film_root(modes, rank, film).to(real),
         **seen,  # type: ignore[arg-type]
     )
@@ -640,10 +661,9 @@ def lit_box(light: torch.Tensor) -> Box:
     """Rows and columns that hold all bright pixels of an object, on the CPU."""
     if light.numel() == 1:
         return WHOLE
-    bright = light.detach().numpy() != 0
-    lit = [np.flatnonzero(bright.any(axis)) for axis in (1, 0)]
-    rows, columns = (slice(int(n[0]), int(n[-1]) + 1) if len(n) else slice(0, 1) for n in lit)
-    return rows, columns
+    fill_extent(light.detach().numpy(), extent := np.empty(5, np.int64))
+    top, left, bottom, right, _ = extent.tolist()
+    return slice(top, bottom), slice(left, right)
 
 
 def _transforms(sight: Sight, lags: tuple[int, int], precise: bool) -> dict[str, torch.Tensor]:
@@ -658,16 +678,35 @@ def _transforms(sight: Sight, lags: tuple[int, int], precise: bool) -> dict[str,
                       for gain, lag in ((torch.ones_like(number_y), lag_y), (twice, lag_x)))  # fmt: skip
     one = lambda along: torch.ones_like(along)  # noqa: E731
     sines_y, sines_x = (sight.object_sines(axis) / sight.wavelength for axis in (0, 1))
+    seen = {
+        "object_rows": torch.view_as_complex(optics.waves(lag_y, sines_y, one(sines_y), precise)),
+        "object_columns": torch.view_as_complex(optics.waves(sines_x, lag_x, one(lag_x), precise)),
+    }
+    if one_by_one(device):
+        halves = [centred(n, sight.camera_pitch)[:, n // 2 :] / sight.wavelength for n in sight.camera]
+        own = slice(0, rows // 2)  # lags along y of either sign
+        waves = (optics.waves(halves[0], lag_y[:, own], gain_y[:, own], precise),
+                 optics.waves(halves[1], lag_x, gain_x, precise))  # fmt: skip
+        camera_rows, camera_columns = (wave.movedim(3, 1).contiguous() for wave in waves)
+        return seen | {"camera_rows": camera_rows, "camera_columns": camera_columns,
+                       "turns": _turns(sight, lag_y, lag_x, precise)}  # fmt: skip
     views_y, views_x = (sight.views(axis) / -sight.wavelength for axis in (0, 1))
     flat = lambda views: views.flatten(1)  # noqa: E731
     camera_rows = optics.waves(flat(views_y), lag_y, gain_y, precise).unflatten(1, views_y.shape[1:])
     camera_columns = optics.waves(-flat(views_x), lag_x, gain_x, precise).unflatten(1, views_x.shape[1:])
-    return {
-        "object_rows": torch.view_as_complex(optics.waves(lag_y, sines_y, one(sines_y), precise)),
-        "object_columns": torch.view_as_complex(optics.waves(sines_x, lag_x, one(lag_x), precise)),
-        "camera_rows": torch.view_as_complex(camera_rows),
-        "camera_columns": camera_columns.flatten(3),
-    }
+    return seen | {"camera_rows": torch.view_as_complex(camera_rows), "camera_columns": camera_columns.flatten(3)}
+
+
+def _turns(sight: Sight, lag_y: torch.Tensor, lag_x: torch.Tensor, precise: bool) -> torch.Tensor:
+    """Phasors real[M, T or 0, n + m, 2] that bring every beam's camera onto the axis."""
+    beside = (sight.base - sight.base.new_tensor(sight.center)) / sight.wavelength  # (x, y)
+    if not beside.any():
+        return lag_y.new_empty((len(sight), 0, lag_y.shape[1] + lag_x.shape[1], 2), dtype=(
+            torch.float64 if precise else torch.float32))  # fmt: skip
+    return torch.cat([
+        optics.waves(beside[..., axis].contiguous(), lag, torch.ones_like(lag), precise)
+        for axis, lag in ((1, lag_y), (0, lag_x))
+    ], 2)  # fmt: skip
 
 
 def _require_time(sight: Sight, light: LightBatch | None) -> None:

@@ -82,7 +82,7 @@ def node_spectrum(
     frames, real, (n, m) = len(views), imaging.modes.dtype, imaging.lags
     together = max(1, _CHUNK_BYTES // (2 * frames * n * m * imaging.modes.element_size()))
     turns = imaging.object_rows[:, :, rows]
-    waves = torch.view_as_real(imaging.object_columns[0, columns].contiguous()).flatten(1)
+    waves = imaging.object_columns[:, columns]
     powers = torch.empty((frames, together, n * m), dtype=real)
     totals = []
     for modes, (pixels, lit, weights) in zip(imaging.modes[0], nodes, strict=True):
@@ -97,8 +97,6 @@ def node_spectrum(
             for frame, power in zip(fields.numpy(), seen.numpy(), strict=True):
                 fill_powers(frame, power)
             spectra = torch.fft.rfft2(seen.unflatten(2, (n, m)), norm="forward")
-            turned = torch.view_as_complex((own.reshape(-1, own.shape[2]) @ waves).view(1, len(own), -1, 2))
-            turned = torch.view_as_real(turns @ turned).view(1, n, 1, len(some), -1, 2)
-            total += optics.lag_sum(turned, torch.view_as_real(spectra)[None])
+            total += optics.map_lags(own[None, :, None].contiguous(), turns, waves, torch.view_as_real(spectra)[None])
         totals.append(total)
     return torch.cat(totals, 1)

@@ -5,13 +5,16 @@
 Every function takes tensors with a leading axis of samples and returns new ones.
 """
 
+from typing import Any
+
 import numpy as np
 import torch
 
 from specklegen.kernels import rng
-from specklegen.kernels.mode_pairs import fill_lag_sums, fill_mode_maps, fill_pair_products
+from specklegen.kernels.camera_folds import fill_folded, fill_unfolded
+from specklegen.kernels.mode_pairs import fill_halves, fill_lag_sums, fill_mode_maps, fill_pair_products, turn
 from specklegen.kernels.waves import fill_waves
-from specklegen.synthesis.fused import fused
+from specklegen.synthesis.fused import FORMS, fused
 from specklegen.synthesis.gaussian_noise import philox
 
 
@@ -168,19 +171,11 @@ def mode_maps(modes: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
     return torch.cat(parts, 2).unflatten(3, light.shape[1:]).permute(0, 3, 1, 2, 4).contiguous()
 
 
-def _lags_on_the_cpu(turned: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:
-    lags = _lags(turned, spectra)
-    factors = (torch.view_as_complex(each.contiguous()).numpy() for each in (turned, spectra, lags))
-    for arguments in zip(*factors, strict=True):
-        fill_lag_sums(*arguments)
-    return lags
-
-
 def _lags(turned: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:
     return spectra.new_empty((len(turned), max(turned.shape[2], spectra.shape[1]), *spectra.shape[3:]))
 
 
-@fused("lag_sum(Tensor turned, Tensor spectra) -> Tensor", _lags, _lags_on_the_cpu)
+@fused("lag_sum(Tensor turned, Tensor spectra) -> Tensor", _lags)
 def lag_sum(turned: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:
     """Object transforms times spectra, added up over the pairs: float32[B, T or F, n, m, 2].
 
@@ -189,6 +184,60 @@ def lag_sum(turned: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:
     """
     (a, b), (c, d) = turned.permute(0, 2, 3, 1, 4, 5).unbind(-1), spectra.unbind(-1)
     return torch.stack([(a * c - b * d).sum(2), (a * d + b * c).sum(2)], -1)
+
+
+_BLOCK_BYTES = 2**22
+"""Of transforms of an object's maps that are made at once on the CPU."""
+
+
+def _map_lags_on_the_cpu(
+    maps: torch.Tensor, rows: torch.Tensor, columns: torch.Tensor, spectra: torch.Tensor
+) -> torch.Tensor:
+    """The four parts of the maps about their middle, even or odd along either axis, have real transforms."""
+    out = _map_lags(maps, rows, columns, spectra)
+    (height, tilts, pairs, width), (count, m) = maps.shape[1:], spectra.shape[3:5]
+    half, y, x = count // 2, height // 2 + 1, width // 2 + 1
+    together = max(1, _BLOCK_BYTES // (4 * tilts * pairs * m * maps.element_size()))
+    halves, down, across = (maps.new_empty(s) for s in ((2, 2, y, tilts * pairs, x), (2, half, y), (2, x, m)))
+    out[:, :, half] = 0  # a lag beyond the window
+    for n, lags in enumerate(torch.view_as_complex(out).numpy()):
+        waves = rows[n % len(rows)].numpy(), columns[n % len(columns)].numpy()
+        fill_halves(maps[n].flatten(1, 2).numpy(), *waves, halves.numpy(), down.numpy(), across.numpy())
+        flat = torch.bmm(halves.view(2, -1, x), across).view(2, 2, y, -1).movedim(0, 2).reshape(2, y, -1)
+        for first in range(0, half, together):
+            turned = torch.bmm(down[:, first : first + together], flat).view(2, -1, 2, tilts, pairs, m)
+            fill_lag_sums(turned.numpy(), torch.view_as_complex(spectra[n]).numpy(), first, lags)
+        turn(waves[0][:, height // 2], waves[1][width // 2], lags)
+    return out
+
+
+def _map_lags(maps: torch.Tensor, _rows: torch.Tensor, _columns: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:
+    return spectra.new_empty((len(maps), max(maps.shape[2], spectra.shape[1]), *spectra.shape[3:]))
+
+
+@fused("map_lags(Tensor maps, Tensor rows, Tensor columns, Tensor spectra) -> Tensor", _map_lags, _map_lags_on_the_cpu)
+def map_lags(maps: torch.Tensor, rows: torch.Tensor, columns: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:
+    """Transforms of maps of an object times spectra, added up over the maps: float32[B, T or F, n, m, 2].
+
+    Parameters
+    ----------
+    maps : float32[B, h, T, pairs, w]
+        Of each tilt; see :func:`mode_maps`.
+    rows, columns : complex64[B or 1, n, h], complex64[B or 1, w, m]
+        Waves of the object's pixels at the lags; rows of lags of either sign are conjugates of each other.
+    spectra : float32[B, F, pairs, n, m, 2]
+        Real and imaginary parts; one of T and F is 1. Of the lag n / 2 along y, beyond the window, nothing is taken.
+    """
+    sums = FORMS["lag_sum"](_turned(maps, rows, columns), spectra)
+    beyond = torch.arange(sums.shape[2], device=sums.device)[:, None, None] == sums.shape[2] // 2
+    return sums.masked_fill(beyond, 0.0)
+
+
+def _turned(maps: torch.Tensor, rows: torch.Tensor, columns: torch.Tensor) -> torch.Tensor:
+    count, height, tilts, pairs, _ = maps.shape
+    turned = _product(maps.flatten(1, 3), torch.view_as_real(columns).flatten(2)).view(count, height, -1, 2)
+    turned = torch.view_as_real(_product(rows, torch.view_as_complex(turned)))
+    return turned.view(count, -1, tilts, pairs, columns.shape[2], 2)
 
 
 def images(
@@ -205,27 +254,76 @@ def images(
     light : float32[B, h, w]
         The objects.
     transforms
-        "object_rows" complex64[B or 1, n, h], "object_columns" [B or 1, w, m], "camera_rows" [B or 1, T, H, n]; and
-        "camera_columns" float32[B or 1, T, W, 2 m], real and imaginary parts of the conjugate, of whose product only
-        the real part is wanted.
+        "object_rows" complex64[B or 1, n, h], "object_columns" [B or 1, w, m], and those of :func:`seen`.
     """
     maps = mode_maps(modes, light)
     parts = torch.view_as_real(spectra)
     if light.shape[1:] == (1, 1):  # a beam: the transform of one pixel on the axis is 1
         sums = (maps[:, :1, :, :, 0] @ parts.flatten(3)).flatten(1, 2).unflatten(2, parts.shape[3:])
+    elif light.device.type == "cpu":
+        sums = map_lags(maps, transforms["object_rows"], transforms["object_columns"], parts)
     else:
-        count, height, tilts, pairs, _ = maps.shape
-        columns = torch.view_as_real(transforms["object_columns"]).flatten(2)
-        turned = _product(maps.flatten(1, 3), columns).view(count, height, -1, 2)
-        turned = torch.view_as_real(_product(transforms["object_rows"], torch.view_as_complex(turned)))
-        sums = lag_sum(turned.view(count, -1, tilts, pairs, *parts.shape[4:]), parts)
+        sums = lag_sum(_turned(maps, transforms["object_rows"], transforms["object_columns"]), parts)
     return seen(sums, transforms)
 
 
 def seen(spectrum: torch.Tensor, transforms: dict[str, torch.Tensor]) -> torch.Tensor:
-    """Images real[B, T or F, H, W] at the camera, of spectra real[B, T or F, n, m, 2] at the lags."""
-    rows = torch.view_as_real(transforms["camera_rows"] @ torch.view_as_complex(spectrum)).flatten(3)
-    return rows @ transforms["camera_columns"].mT
+    """Images real[B, T or F, H, W] at the camera, of spectra real[B, T or F, n, m, 2] at the lags.
+
+    Of "camera_rows" complex64[B, T, H, n] and "camera_columns" float32[B, T, W, 2 m]. The latter are real and imaginary
+    parts of the conjugate: only the real part of the product is wanted. On the CPU they are cosines and sines of half
+    of the views, float32[B, 2, y, n / 2] and [B, 2, x, m]. With them come "camera", (H, W), and phasors of beams,
+    "turns" float32[B, T, n + m, 2], none along T where all are 1. All may be one for all samples.
+    """
+    rows, columns = transforms["camera_rows"], transforms["camera_columns"]
+    if "turns" in transforms:
+        return half_seen(spectrum, rows, columns, transforms["turns"], [*transforms["camera"]])
+    seen = torch.view_as_real(rows @ torch.view_as_complex(spectrum)).flatten(3)
+    return seen @ columns.mT
+
+
+def _seen_on_the_cpu(
+    spectrum: torch.Tensor, rows: torch.Tensor, columns: torch.Tensor, turns: torch.Tensor, camera: list[int]
+) -> torch.Tensor:
+    out = _seen(spectrum, rows, columns, turns, camera)
+    count, n, m = spectrum.shape[1:4]
+    folded = spectrum.new_empty((2, n // 2, count, 2, m))
+    for place, (own, image) in enumerate(zip(spectrum.contiguous().numpy(), out.numpy(), strict=True)):
+        turn = turns[place % len(turns)].numpy()
+        fill_folded(own, turn[:, :n], turn[:, n:], folded.numpy())
+        along = torch.bmm(rows[place % len(rows)], folded.view(2, n // 2, -1)).view(-1, 2, m).transpose(0, 1)
+        parts = torch.bmm(along, columns[place % len(columns)].mT)
+        fill_unfolded(parts.view(2, 2, -1, count, parts.shape[-1]).numpy(), image)
+    return out
+
+
+def _seen(spectrum: torch.Tensor, *transforms: Any) -> torch.Tensor:
+    return spectrum.new_empty((*spectrum.shape[:2], *transforms[-1]))
+
+
+@fused(
+    "half_seen(Tensor spectrum, Tensor rows, Tensor columns, Tensor turns, int[] camera) -> Tensor",
+    _seen, _seen_on_the_cpu,
+)  # fmt: skip
+def half_seen(
+    spectrum: torch.Tensor, rows: torch.Tensor, columns: torch.Tensor, turns: torch.Tensor, camera: list[int]
+) -> torch.Tensor:
+    """Images real[B, P, H, W] by the transforms of one quarter of the camera: see :func:`seen`, and camera_folds."""
+    (height, width), count, (n, m) = camera, spectrum.shape[1], spectrum.shape[2:4]
+    if turns.shape[1]:
+        turn = torch.view_as_complex(turns.contiguous())
+        wave = turn[:, :, :n, None] * turn[:, :, None, n:]
+        spectrum = torch.view_as_real(torch.view_as_complex(spectrum.contiguous()) * wave)
+    up = spectrum[:, :, : n // 2]
+    down = torch.cat([torch.zeros_like(up[:, :, :1]), spectrum[:, :, n // 2 + 1 :].flip(2)], 2)
+    sums = torch.stack([up + down, (up - down).flip(-1)], 1).permute(0, 1, 3, 2, 5, 4)  # [B, 2, n / 2, P, 2, m]
+    along = (rows @ sums.flatten(3)).unflatten(3, (count, 2, m)).movedim(4, 1)  # [B, 2, 2, y, P, m]
+    (p, q), (r, t) = ((own @ half.mT[:, None, None]).movedim(-2, 2).unbind(1)
+                      for own, half in zip(along.unbind(1), columns.unbind(1), strict=True))  # fmt: skip
+    # Views at 0, or half a pixel beside it, and above stand last: those below are in front, without 0 once more.
+    even, odd = (torch.cat([minus.flip(2)[:, :, : height // 2], plus], 2) for minus, plus in
+                 ((p - q, p + q), (r + t, r - t)))  # fmt: skip
+    return torch.cat([(even - odd).flip(3)[..., : width // 2], even + odd], 3)
 
 
 def _product(one: torch.Tensor, two: torch.Tensor) -> torch.Tensor:

@@ -99,6 +99,13 @@ class Sight:
         rows = {name: value[places] for name, value in vars(self).items() if isinstance(value, torch.Tensor)}
         return replace(self, **rows)
 
+    @cached_property
+    def one(self) -> Sight:
+        """Sight of the first medium where all are seen in the same way, else of all; on the CPU."""
+        rows = [value for value in vars(self).values() if isinstance(value, torch.Tensor)]
+        alike = len(self) > 1 and all(bool((value == value[:1]).all()) for value in rows)
+        return self.at(slice(0, 1)) if alike else self
+
     def on(self, device: torch.device | str) -> Sight:
         """The same on another device."""
         rows = {name: value.to(device) for name, value in vars(self).items() if isinstance(value, torch.Tensor)}

@@ -39,6 +39,13 @@ def _slabs():
     return slabs, [*tables.axes], tables.shares, tables.table, tables.bounds, 0.02
 
 
+def _waves():
+    """Of three rows at six lags, in the order of an FFT, and of four columns at four."""
+    down = 0.7 * torch.arange(3, dtype=torch.float64) * torch.tensor([0.0, 1.0, 2.0, -3.0, -2.0, -1.0])[:, None]
+    across = 0.4 * torch.arange(4, dtype=torch.float64)[:, None] * torch.arange(4)
+    return torch.exp(1j * down)[None], torch.exp(1j * across)[None]
+
+
 def _cases():
     """Arguments of each operator, where its floating tensors are differentiated, and with which step and tolerance."""
     radius, share, single = _mixture()
@@ -59,6 +66,9 @@ def _cases():
         "pair_products": ((put(2, 2, 3, 4, 5, 2),), (0,), FLOAT64),
         "mode_maps": ((put(2, 2, 3, 6), put(2, 2, 3)), (0, 1), FLOAT64),
         "lag_sum": ((put(2, 6, 1, 5, 4, 2), put(2, 3, 5, 6, 4, 2)), (0, 1), FLOAT64),
+        "map_lags": ((put(2, 3, 1, 5, 4), *_waves(), put(2, 3, 5, 6, 4, 2)), (0, 3), FLOAT64),
+        "half_seen": ((put(2, 3, 6, 4, 2), put(2, 2, 3, 3), put(2, 2, 2, 4), put(2, 3, 10, 2), [5, 4]),
+                      (0, 1, 2, 3), FLOAT64),
         "slab_correlations": (_slabs(), (0,), FLOAT64),
         "turned": ((put(3, 5, 4), torch.tensor([2, 0]), put(2)), (0, 2), FLOAT64),
         "coverage": ((square, 6, 6), (0,), FLOAT64),

@@ -74,13 +74,63 @@ def test_sums_over_pairs(tilts, frames):
         np.testing.assert_allclose(torch.view_as_complex(form(put(turned), put(spectra))), expected, atol=1e-14)
 
 
+def waves_at_lags(count, lags):
+    """Waves complex[lags, count] of evenly spaced pixels, at lags in the order of an FFT."""
+    lag = np.fft.fftfreq(lags, 1 / lags)
+    return np.exp(0.37j * lag[:, None] * (np.arange(count) - 1.6))
+
+
+@pytest.mark.parametrize(("tilts", "frames"), [(1, 1), (3, 1), (1, 4)])
+@pytest.mark.parametrize(("h", "w"), [(1, 1), (3, 4), (4, 3), (2, 1)])
+def test_maps_at_the_lags(h, w, tilts, frames):
+    """Literally, pixel by pixel, but at the lag of half the grid, which no window reaches."""
+    b, pairs, n, m = 2, 5, 8, 4
+    maps, spectra = RNG.standard_normal((b, h, tilts, pairs, w)), RNG.standard_normal((b, frames, pairs, n, m, 2))
+    for each in (1, b):
+        rows = np.stack([waves_at_lags(h, n) * np.exp(1j * k) for k in range(each)])
+        columns = np.stack([waves_at_lags(w, 2 * m)[:m].T for _ in range(each)])
+        factor = np.einsum("bny,bytpx,bxm->btpnm", np.broadcast_to(rows, (b, n, h)), maps,
+                           np.broadcast_to(columns, (b, w, m)))  # fmt: skip
+        expected = (factor * (spectra[..., 0] + 1j * spectra[..., 1])).sum(2)
+        for form in (optics.map_lags, FORMS["map_lags"]):
+            found = torch.view_as_complex(form(put(maps), put(rows), put(columns), put(spectra))).numpy()
+            found[:, :, n // 2], expected[:, :, n // 2] = 0, 0
+            np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("camera", [(4, 5), (5, 4), (1, 2)])
+@pytest.mark.parametrize("beams", [0, 3])
+def test_half_of_a_camera_tells_the_other(camera, beams):
+    """Literally, view by view and lag by lag; beams that are tilted, and straight ones."""
+    b, n, m = 2, 8, 5
+    spectrum, gains = RNG.standard_normal((b, 3, n, m, 2)), (RNG.random(n // 2), RNG.random(m))
+    spectrum[:, :, n // 2] = 0
+    lag = np.fft.fftfreq(n, 1 / n)
+    views = [0.3 * (np.arange(count) - (count - 1) / 2) for count in camera]
+    phase = views[0][:, None] * lag, views[1][:, None] * np.arange(m)
+    gain = np.concatenate([gains[0], [0], gains[0][:0:-1]])
+    halves = [[f(angle[count // 2 :, : len(own)]) * own for f in (np.cos, np.sin)]
+              for angle, count, own in zip(phase, camera, gains, strict=True)]  # fmt: skip
+    turns = np.exp(1j * RNG.random((b, beams, n + m)))
+    lags = spectrum[..., 0] + 1j * spectrum[..., 1]
+    if beams:
+        lags = lags * turns[:, :, :n, None] * turns[:, :, None, n:]
+    expected = (np.exp(-1j * phase[0]) * gain @ lags @ (np.exp(-1j * phase[1]) * gains[1]).T).real
+    parts = np.stack([turns.real, turns.imag], -1)
+    for form in (optics.half_seen, FORMS["half_seen"]):
+        found = form(put(spectrum), *(put(np.array(half)[None]) for half in halves), put(parts), [*camera])
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
 def test_images_are_the_double_sums_over_pixels_and_lags():
     """Literally, pixel by pixel and lag by lag; one camera for all, and one for each sample."""
     pick = lambda *shape: RNG.standard_normal(shape) + 1j * RNG.standard_normal(shape)  # noqa: E731
-    b, t, r, h, w, n, m, rows, columns = 2, 3, 2, 3, 4, 5, 3, 4, 2
+    b, t, r, h, w, n, m, rows, columns = 2, 3, 2, 3, 4, 6, 3, 4, 2
     modes, light, spectra = RNG.random((b, t, r, h * w)), RNG.random((b, h, w)), pick(b, 1, 3, n, m)
+    spectra[..., n // 2, :] = 0
     for each in (1, b):
-        down, across = pick(each, n, h), pick(each, w, m)
+        down = np.stack([waves_at_lags(h, n)] * each)
+        across = np.stack([waves_at_lags(w, 2 * m)[:m].T] * each)
         up, along = pick(each, t, rows, n), pick(each, t, m, columns)
         expected = np.zeros((b, t, rows, columns))
         for s in range(b):
