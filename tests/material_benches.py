@@ -6,9 +6,7 @@ import numpy as np
 
 import specklegen as sg
 from specklegen.measured import MemoryCurve, Transmittance
-from specklegen.memory_effects.atlas import correlation_for
 from specklegen.memory_effects.correlation import estimate_correlation
-from specklegen.models.calibration.prediction import predict
 
 WAVELENGTH, THICKNESS = 0.5, 1000.0
 FREE = ("thickness", "mean_free_path", "g")
@@ -38,17 +36,6 @@ def bench_of(slab: sg.Slab, paths: int) -> Bench:
     light = sg.reflectance_transmittance(slab, paths=paths, seed=2)
     c_i = correlation.intensity(2 * np.pi / WAVELENGTH * np.sin(tilts))[0]
     return Bench(slab, tilts, c_i, light.transmittance)
-
-
-def exact_bench(slab: sg.Slab) -> Bench:
-    """A bench whose truth are the tables that the fit reads."""
-    x = np.array([[np.log(slab.thickness), np.log(slab.optical_depth), np.log(1 - slab.scatterer.mean_cosine()),
-                   -np.log(slab.albedo), 0.0]])  # fmt: skip
-    half = correlation_for(slab, paths=100_000, tolerance=1.0).half_range()
-    tilts = np.arcsin(half * np.arange(1, 26) * (3 / 25) * WAVELENGTH / (2 * np.pi))
-    seen = [MemoryCurve(tilts, np.full(25, 0.5), 0.01), Transmittance(0.5, 0.01)]
-    shown = predict(seen, WAVELENGTH, x, ()).values[0]
-    return Bench(slab, tilts, shown[:25], float(shown[25]))
 
 
 def slab_of(depth: float, g: float, albedo: float = 1.0) -> sg.Slab:

@@ -306,7 +306,7 @@ def reconstruct(
     camera = float(np.sqrt(images.shape[-1] * images.shape[-2])) / float(own.optics.grain)
     third = _third(images, solution, seen, own, tests)
     solution, silent = _certified(solution, third, solver, seen)
-    turned, probabilities = _turns(solution, own, memory, third)
+    turned, probabilities = _turns(solution, memory, third)
     drawn = solver.posterior(seen, own.optics, memory, draws=draws, seed=seed, solved=solution) if draws else None
     own_draws = [None if drawn is None else _of_one(drawn, n, solution.image[n], turned[n]) for n in range(len(images))]
     each = tuple(
@@ -360,9 +360,7 @@ def _beyond(name: str, value: float, low: float, high: float) -> str:
     return f"{plain} is {value:.3g}; the confidence is calibrated for {low:.3g} to {high:.3g}"
 
 
-def _turns(
-    solution: Solution, setup: Setup, memory: list[MemoryEffect], third: Tensor
-) -> tuple[list[bool], list[float | None]]:
+def _turns(solution: Solution, memory: list[MemoryEffect], third: Tensor) -> tuple[list[bool], list[float | None]]:
     """Return whether each image is upside down, and the probability of that; None where it is not stated."""
     turned: list[bool] = [False] * len(third)
     probabilities: list[float | None] = [None] * len(third)

@@ -59,7 +59,7 @@ def spectrum_field(rim: Rim | Mask, light: Light, plane: Plane, padding: float =
     z = float(plane.center[2])
     psi *= np.exp(1j * z * axial)
     if z > 0:
-        psi *= _staying(along, axial.real, k, z, farthest, coarse * plane.pitch, z < wavelength / 2)
+        psi *= _staying(along, axial.real, z, farthest, coarse * plane.pitch, z < wavelength / 2)
     # The first pixel stands at minus half of the grid; waves that agree on all pixels are added before the transform.
     x, y = plane.coordinates
     psi *= np.exp(1j * along * x[0]) * np.exp(1j * along * y[0])[:, None]
@@ -87,7 +87,7 @@ def _transform(rim: Rim | Mask, corners: np.ndarray, light: Light, plane: Plane,
 
 
 def _staying(
-    along: np.ndarray, axial: np.ndarray, k: float, z: float, near: float, period: float, evanescent: bool
+    along: np.ndarray, axial: np.ndarray, z: float, near: float, period: float, evanescent: bool
 ) -> np.ndarray:
     """Weight float64[y, x] of each wave: 1 below ``near``, 0 above ``period`` - ``near`` sideways, along x and y."""
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -87,11 +87,6 @@ class Statistics:
     local_chirp: int
     region_area: float
 
-    @property
-    def ballistic_share(self) -> float:
-        """Share of interactions that were ordinary surface events, outside all regions."""
-        return self.surface / max(1, self.surface + self.open + self.matter)
-
 
 @dataclass(frozen=True, repr=False)
 class WaveTrace(Pictured):

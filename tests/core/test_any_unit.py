@@ -15,7 +15,6 @@ from specklegen.wavetracing import CollimatedEmitter, GaussianLaser, PointEmitte
 
 UNITS, TIMES = ("nm", "um", "mm", "m"), ("us", "ms", "s")
 SETUPS = 500
-MICROMETRE = 1e-6
 
 
 class Size(NamedTuple):

@@ -9,16 +9,8 @@ from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.datasets.recipes.parts.light import Light
 from specklegen.datasets.recipes.parts.material import Material
-from specklegen.datasets.recipes.tilt_stack import TiltStack
-from specklegen.instrument.camera import Camera
 
 SMALL = {"camera": {"shape": [64, 64]}}
-
-
-class Darkening(Camera):
-    """Detects less light than it is given."""
-
-    darkening: float = 0.5
 
 
 class Glowing(Light):
@@ -31,13 +23,6 @@ class Layered(Material):
     """Has something in front."""
 
     skin: float = 1.0
-
-
-class OwnStack(TiltStack):
-    """A kind that inherits one of the package, and turns its images."""
-
-    def named(self, images, tilts, parameters):
-        return super().named(images.flip(-1), tilts, parameters)
 
 
 @pytest.mark.parametrize("field", ["light", "material"])
