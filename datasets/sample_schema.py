@@ -115,8 +115,8 @@ def stored_arrays(recipe: Renderable) -> dict[str, ArraySpec]:
         for dim, length in zip(spec.dims, spec.shape, strict=True):
             if dim in ("sample", "parameter") or lengths.setdefault(dim, length) != length:
                 reject(f"{recipe.name}.layout[{key!r}].dims",
-                       "names that stand for one length each, and not 'sample' or 'parameter'", spec.dims,
-                       f"Name the axis of length {length} otherwise, such as '{key}_{dim}'.")  # fmt: skip
+                       "names with one length each, other than 'sample' and 'parameter'", spec.dims,
+                       f"Give the axis of length {length} another name, such as '{key}_{dim}'.")  # fmt: skip
     return layout
 
 

@@ -228,7 +228,7 @@ def bootstrap(
         reject("bootstrap.confidence", "between 0 and 1", confidence)
     names, which = np.unique(media, return_inverse=True)
     if len(names) < 2:
-        reject("bootstrap.media", "at least two different ones", names, "One medium tells nothing about the others.")
+        reject("bootstrap.media", "at least two different media", names, "Intervals are computed over media: use more.")
     rng = np.random.default_rng(np.random.SeedSequence(whole_number("bootstrap.seed", seed)))
     drawn = rng.multinomial(len(names), np.full(len(names), 1 / len(names)), size=resamples)
     shown = np.full(len(media), -1) if characters is None else real_array("bootstrap.characters", characters)

@@ -259,7 +259,7 @@ def rendered(scene: Scene, budget: Budget, options: Options) -> SpeckleStack:
                    "Render fewer at a time, each range under a seed of its own.", share=0.9)  # fmt: skip
     require_time(f"{options.owner} paths", plan.seconds_of(count), f"{plan.paths} paths, {count} media",
                  "Ask for fewer paths, or for a larger rel_error.")  # fmt: skip
-    remedy = "" if options.asked is None else ' Leave the choice to sampler="auto".'
+    remedy = "" if options.asked is None else ' Use sampler="auto".'
     for doubt in plan.doubts:
         warn_user(f"{doubt}.{remedy}")
     images, connections, unfinished = _drawn(plan, budget.seed, count, budget.threads)

@@ -82,7 +82,7 @@ def render_tiles(
     budget = budget_of("render_tiles", budget, fields, unused=("seconds", "tolerance"))
     plan = planned(scene, budget, Options(sampler, mean, field_tolerance, streamed=True, owner="render_tiles"))
     require_time("render_tiles paths", plan.seconds, f"{plan.paths} paths", "Ask for fewer, or a larger rel_error.")
-    remedy = "" if sampler == "auto" else ' Leave the choice to sampler="auto".'
+    remedy = "" if sampler == "auto" else ' Use sampler="auto".'
     for doubt in plan.doubts:
         warn_user(f"{doubt}.{remedy}")
     pieces = plan.chosen.prepare(budget.seed, budget.threads).fields(number)

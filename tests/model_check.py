@@ -328,7 +328,7 @@ def read(place: Any) -> None:
         try:
             cache = SpeckleCache(place)
         except ValueError as error:
-            if "a folder that holds a store" in str(error) or "that has been begun" in str(error):
+            if "a folder that holds a store" in str(error) or "whose creation has ended" in str(error):
                 continue
             raise
         for n in range(len(cache)):

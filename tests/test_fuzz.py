@@ -251,7 +251,7 @@ def test_any_slab_between_indices(count):
 
 
 SCREENS = (  # why the screens sampler does not draw a scene
-    "screens are drawn within", "within the reach of a transform", "at most half the speckle size", DIM,
+    "possible for screens within", "within a transform", "at most half the speckle size", DIM,
 )  # fmt: skip
 
 

@@ -188,7 +188,7 @@ def test_the_command_line_generates_and_verifies(folder, tmp_path):
     store = tmp_path / "hoops.zarr"
     said = succeed("generate", folder / "hoops.toml", "--out", store, "--samples", 4)
     assert "4 of 4 samples" in said
-    assert f"runs code: it imports {folder}/specklegen_own:Hoops" in said
+    assert f"imports {folder}/specklegen_own:Hoops, which runs its code" in said
     assert "4 sound" in succeed("store", "verify", store)
     succeed("plan", folder / "hoops.toml", "--samples", 4)
     shown = tomllib.loads(succeed("recipes", "show", folder / "hoops.toml"))
@@ -228,9 +228,9 @@ def test_files_from_outside_run_nothing_unless_trusted(tmp_path, monkeypatch):
                     ("physics", "render", "--scene", scene_file), ("check", "compare", scene_file)):  # fmt: skip
         refused = run(*command)
         assert "not trusted" in str(refused.exception), command
-        assert "runs code" not in refused.output
+        assert "runs its code" not in refused.output
     assert not mark.exists()
-    assert "runs code" in succeed("--trust", "plan", outside / "hoops.toml", "--samples", 4)
+    assert "runs its code" in succeed("--trust", "plan", outside / "hoops.toml", "--samples", 4)
     assert mark.exists()
     mark.unlink()
     assert "SPECKLEGEN_TRUST" not in os.environ, "of that command alone"
@@ -384,7 +384,7 @@ def test_a_sensor_of_no_unit_vectors_is_refused():
 
 def test_a_grid_that_is_none_is_refused():
     """Samplers know a grid by its pitch and its center; one with other directions would be rendered without them."""
-    with pytest.raises(RuleError, match=r"Turned must be a grid as FarFieldGrid is"):
+    with pytest.raises(RuleError, match=r"Turned must be a regular grid, such as FarFieldGrid"):
 
         class Turned(sg.FarFieldGrid):
             @property

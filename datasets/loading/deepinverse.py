@@ -50,7 +50,7 @@ class SpecklePhysics(LinearPhysics):
         **options: Any,
     ) -> None:  # fmt: skip
         if not isinstance(recipe, HiddenObject):
-            reject("SpecklePhysics.recipe", "one with hidden objects", type(recipe).__name__)
+            reject("SpecklePhysics.recipe", "a recipe with hidden objects", type(recipe).__name__)
         split_number(split)
         super().__init__(img_size=(1, *recipe.objects.shape), device=recipe.device, **options)
         self.recipe, self.seed, self.split = recipe, seed_words(seed), split

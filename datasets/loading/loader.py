@@ -17,14 +17,14 @@ from specklegen.datasets.workers import worker_context
 _TAKEN_ALWAYS = ("generator", "pin_memory_device")
 _TAKEN_BY_WORKERS = ("persistent_workers", "multiprocessing_context", "worker_init_fn")
 _REFUSED = {
-    "batch_size": "Give it to the stream, or to cache.shuffled, which makes the batches.",
-    "drop_last": "Give it to the stream, or to cache.shuffled, which makes the batches.",
+    "batch_size": "The stream, or cache.shuffled, makes the batches: pass it there.",
+    "drop_last": "The stream, or cache.shuffled, makes the batches: pass it there.",
     "shuffle": "Samples of a stream are independent, in any order; a store is shuffled by cache.shuffled(seed=...).",
     "sampler": "The order is that of the stream, or of cache.shuffled, so that a position can be resumed.",
     "batch_sampler": "The order is that of the stream, or of cache.shuffled, so that a position can be resumed.",
     "collate_fn": "Batches are made in the stream; change them in the training loop.",
     "in_order": "Batches out of their order could not be resumed.",
-    "dataset": "It is the stream, or the shuffled cache, that the loader is of.",
+    "dataset": "The loader already belongs to a stream or a shuffled cache.",
 }
 """Arguments of DataLoader that would change the order or the batches, and why they are refused."""
 
@@ -43,7 +43,7 @@ def _require_harmless(batches: EpochBatches, options: dict[str, Any]) -> None:
         context = options["multiprocessing_context"]
         if (context if isinstance(context, str) else context.get_start_method()) == "fork":
             reject("loader.multiprocessing_context", '"forkserver" or "spawn"', "fork",
-                   "A fork of a process whose threads compute may wait for them for ever.")  # fmt: skip
+                   "A forked process may deadlock, since threads compute in its parent.")  # fmt: skip
 
 
 class _FromBatch(IterableDataset):
@@ -172,7 +172,7 @@ class EpochLoader:
         while True:
             if turn != self._turn:
                 reject("loader", "iterated over once at a time", "a second iteration, begun before this one had ended",
-                       "Make a loader for each.")  # fmt: skip
+                       "Make one loader for each iteration.")  # fmt: skip
             try:
                 batch = next(batches)
             except StopIteration:
@@ -217,7 +217,7 @@ class EpochLoader:
             {key: value for key, value in here.items() if key not in free},
         )
         if fields:
-            reject("loader.state", "that of the same samples in the same order", "; ".join(fields))
+            reject("loader.state", "the state of a loader of the same samples in the same order", "; ".join(fields))
         if state["next_batch"] > _rounds(self.batches, state):
             reject("loader.state['next_batch']", f"at most {_rounds(self.batches, state)}", state["next_batch"])
         sample = min(state["next_batch"] * state["world"] * state["batch_size"], self.batches.length)
@@ -230,7 +230,8 @@ class EpochLoader:
                    f"Resume with {state['world']} ranks and batches of {state['batch_size']}.")  # fmt: skip
         if moved:
             warn_user(
-                f"the position was saved on {there!r} and goes on on {kind!r}: the same samples, rounded differently",
+                f"the position was saved on {there!r} and is resumed on {kind!r}: samples are the same, but rounded "
+                "differently",
             )
         self._choices = self.batches.choices
         self._upcoming, self._position = (state["epoch"], number), None

@@ -17,12 +17,13 @@ def batch_count(length: int, batch_size: int, world: int, drop_last: bool = Fals
     if drop_last:
         if not full:
             reject("SpeckleStream.batch_size",
-                   f"at most {length // world}: {length} samples an epoch over {world} ranks, drop_last",
+                   f"at most {length // world}, since an epoch has {length} samples for {world} ranks, with drop_last",
                    batch_size)  # fmt: skip
         return full
     if rest and rest < world:
-        reject("SpeckleStream.batch_size", f"such that the last round leaves every one of {world} ranks a sample",
-               batch_size, f"{length} samples leave {rest}: choose another batch size, or drop_last=True.")  # fmt: skip
+        reject("SpeckleStream.batch_size", f"such that each of {world} ranks has a sample in the last round",
+               batch_size, f"{length} samples leave {rest} for that round: choose another batch size, or "
+                           "drop_last=True.")  # fmt: skip
     return full + bool(rest)
 
 

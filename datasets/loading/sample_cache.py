@@ -147,7 +147,7 @@ class SampleCache:
             for shard in np.unique(shards).tolist():
                 part = {name: column[shards == shard] for name, column in columns.items()}
                 if not self._fits(sum(column.nbytes for column in part.values())):
-                    return self._end(f"it holds as much as cache_limit = {self.limit} bytes allow")
+                    return self._end(f"it has reached cache_limit = {self.limit} bytes")
                 add_samples(self._store, shard, part)
         except Exception as error:  # of a disk, a server or its library: none of them is worth a training
             self._end(f"{type(error).__name__}: {error}")
@@ -156,7 +156,8 @@ class SampleCache:
         if self._ended:
             return
         self._ended = True
-        warn_user(f"Nothing more is cached in {self.folder}: {reason}. Samples that are not there are rendered.")
+        warn_user(f"No further samples are cached in {self.folder}: {reason}. Missing samples are rendered. Raise "
+                  "cache_limit or make room, if they should be cached.")
 
     def _fits(self, size: int) -> bool:
         """Compare with the limit; the store is measured anew from time to time, since others write to it too."""

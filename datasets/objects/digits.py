@@ -72,5 +72,6 @@ def _digits() -> Any:
     data: Any = load_digits()
     digest = hashlib.sha256(data.images.astype("u1").tobytes() + data.target.astype("u1").tobytes()).hexdigest()[:16]
     if digest != _DIGEST:
-        reject("Digits data", f"those of SHA-256 {_DIGEST}...", digest, "Use another version of scikit-learn.")
+        reject("Digits data", f"those of SHA-256 {_DIGEST}...", digest,
+               "The digits of this scikit-learn differ: install another version.")
     return data

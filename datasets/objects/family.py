@@ -84,7 +84,7 @@ class ObjectFamily(Registered):
     def _fits(self) -> Self:
         if 4 * _AT_ONCE * prod(self.shape) > 0.1 * memory_limit():
             reject(f"{type(self).__name__}.shape", f"of at most {0.1 * memory_limit() / 4 / _AT_ONCE:.1e} pixels here",
-                   self.shape, "Objects are made a batch at a time: use fewer pixels.")  # fmt: skip
+                   self.shape, "A batch of objects must fit in a tenth of the memory: use fewer pixels.")  # fmt: skip
         return self
 
     @shielded()
@@ -167,9 +167,9 @@ class ListedFamily(ObjectFamily):
         if not sources:
             reject(
                 f"{type(self).__name__} sources",
-                f"enough to leave some for the split {split!r}",
+                f"enough for the split {split!r}",
                 f"{len(self.sources())} in all",
-                "Validation and test get sources of their own where there are at least 3 different ones.",
+                "Add files or characters: each split needs its own, so at least 3.",
             )
         return sources[position_in_pass(seed, split, index, len(sources))]
 
@@ -190,7 +190,7 @@ class DrawnFamily(ObjectFamily):
                 return source
         reject(
             f"{type(self).__name__}.shape", f"large enough for patterns of the split {split!r}", self.shape,
-            f"None of {_ATTEMPTS} random patterns belongs to it: enlarge the shape or allow more patterns.",
+            f"None of {_ATTEMPTS} random patterns belongs to that split: enlarge the shape or allow more patterns.",
         )  # fmt: skip
 
 

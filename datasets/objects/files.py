@@ -59,7 +59,7 @@ class FileFamily(ListedFamily):
         """
         name, folder = type(self).__name__, Path(self.path).expanduser()
         if not folder.is_dir():
-            reject(f"{name}.path", "a folder that exists", self.path, in_tables=_PATH)
+            reject(f"{name}.path", "an existing folder", self.path, "Check the path.", _PATH)
         paths = self._paths()
         if not paths:
             kinds = f"a folder with {self._plural} ({', '.join(self._suffixes)})"
@@ -113,7 +113,7 @@ class FileFamily(ListedFamily):
             for path in self._paths():
                 if numbers[digest := hashlib.sha256(path.read_bytes()).hexdigest()] != self._class_of(path, folder):
                     both = f"{self.files[digest]}, {path}"
-                    reject(f"{type(self).__name__}.path", "a folder whose files lie in one class each", both,
+                    reject(f"{type(self).__name__}.path", "a folder that has each image in one class only", both,
                            in_tables=_PATH)  # fmt: skip
         return numbers
 

@@ -65,12 +65,12 @@ class Glyphs(ListedFamily):
 
     def _check_held_out(self) -> None:
         if self.disjoint != "character":
-            reject("Glyphs.disjoint", '"character" where those of test and validation are named', self.disjoint)
+            reject("Glyphs.disjoint", '"character" if characters of test and validation are named', self.disjoint)
         for name, own, other in (("test", self.test, self.validation), ("validation", self.validation, self.test)):
             if not own or len(set(own)) < len(own) or not set(own) <= set(CHARACTERS) - set(other):
-                reject(f"Glyphs.{name}", f"different characters of {CHARACTERS}, none of the other split's", own)
+                reject(f"Glyphs.{name}", f"different characters of {CHARACTERS}, none of them in the other split", own)
         if set(self.test + self.validation) == set(CHARACTERS):
-            reject("Glyphs.test", "such that characters are left to train on", self.test)
+            reject("Glyphs.test", "such that some characters are left for training", self.test)
 
     @cached_property
     def by_split(self) -> dict[Split, tuple[Source, ...]]:

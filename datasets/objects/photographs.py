@@ -123,5 +123,5 @@ def _photograph(name: str) -> np.ndarray:
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
     if digest != _FILES[name]:
         reject("Photographs file", f"{name} of SHA-256 {_FILES[name]}...", digest,
-               "This scikit-image carries another picture under its name: use another version.")  # fmt: skip
+               "This scikit-image has another picture of that name: install another version.")  # fmt: skip
     return read_grey(path)

@@ -61,7 +61,7 @@ def known_behind(slab: Slab, analyser: Analyser, paths: int) -> PolarisedCorrela
     seed = pilot_seed(slab.unitless_fingerprint())
     correlation = estimate_polarised_correlation(slab, polarisers(analyser), paths, seed)
     if not correlation.weights.any():
-        reject("Material.kernel_paths", f"enough for some light to come through the slab and the analyser {analyser}",
+        reject("Material.kernel_paths", f"enough that some light passes the slab and the analyser {analyser}",
                paths)  # fmt: skip
     return correlation
 
@@ -175,21 +175,23 @@ class AnalysedObject(HiddenObject):
         if light.polarisation == "scalar":
             reject("Light.polarisation", '"projector" or "vector" in recipes of kind analysed-object', "scalar")
         if len(some) > 1 and (len(set(some)) < len(some) or not any(set(some) <= both for both in TOGETHER)):
-            reject("Light.analyser", "one, or parallel and crossed, or circular and flipped", some,
-                   "Fields behind others are not independent, as they are drawn.")  # fmt: skip
+            reject("Light.analyser", "one analyser, or parallel and crossed, or circular and flipped", some,
+                   "Fields are drawn independently, and those behind other pairs are correlated.")  # fmt: skip
         if type(self.material) is not Material or self.material.kernel != "estimate":
             reject("Recipe.material", 'a slab given by its numbers, with kernel = "estimate", in polarised light',
                    self.material)  # fmt: skip
         if light.bandwidth or (self.lab is not None and self.lab.bandwidth) or not light.polarised:
-            reject("Recipe.light", "of one wavelength, and polarised", light, "Others are not modelled here.")
+            reject("Recipe.light", "of one wavelength, and polarised", light,
+                   "Bandwidth and depolarised light are not modelled here.")
         if self.mosaic is not None:
             if light.analyser != "none":
                 reject("Light.analyser", '"none" before a mosaic of polarisers', light.analyser)
             if light.polarisation != "projector":
                 reject("Light.polarisation", '"projector" before a mosaic', light.polarisation,
-                       "Between its angles fields of others have correlations that no real modes hold.")  # fmt: skip
+                       "Fields of vector light at its angles have complex correlations, which are "
+                       "not modelled.")  # fmt: skip
             if any(side % 2 for side in self.camera_shape):
-                reject("CameraGrid.shape", "of even sides behind a mosaic of two by two", self.camera_shape)
+                reject("CameraGrid.shape", "a shape of even sides, for a mosaic of two by two", self.camera_shape)
         self._polarised(self.material.extremes()[0])  # a scatterer without amplitudes is refused here
         return self
 
@@ -253,15 +255,17 @@ class AnalysedObject(HiddenObject):
     def extremes(self) -> list[MediumView]:
         """Media at the ends of every range, behind every analyser."""
         return [
-            AnalysedView(self._polarised(view.slab), view.seen, view.shape, view.pitch, view.tilts, polarisers(each))  # type: ignore[arg-type]
+            AnalysedView(self._polarised(view.slab), view.seen, view.shape, view.pitch, view.tilts,
+                         polarisers(each))  # type: ignore[arg-type]
             for view in super().extremes() for each in self._drawn
         ]  # fmt: skip
 
     def idealisations(self, scene: Scene) -> list[Decision]:
         """Parts left out of every image, and of the two together."""
-        fields = Decision("analysers", True, "fields behind two of them are independent of each other, but for 0.005")
+        fields = Decision("analysers", True,
+                          "fields behind two of them are taken as independent (correlation below 0.005)")
         exposed = Decision("one exposure for all analysers", False, "idealised: every image has the mean photons of "
-                           "the exposure, however little light its analyser passes")  # fmt: skip
+                           "the exposure, whatever share of the light its analyser passes")  # fmt: skip
         longer = self.exposure is not None and self.pictures > 1 and self.mosaic is None
         return [*super().idealisations(scene), fields, *([exposed] if longer else [])]
 

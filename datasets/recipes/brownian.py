@@ -65,8 +65,8 @@ class Speed(Value):
             reject(owner, f"given by one of {', '.join(GIVEN)}{which and ','}{which}", given)
         require_above(f"{owner}.{given[0]}", self.speed, 0)
         if not np.isfinite(ends(self.speed)[1]):
-            reject(f"{owner}.{given[0]}", "finite where particles move", self.speed,
-                   "A medium at rest is that of a recipe without motion.")  # fmt: skip
+            reject(f"{owner}.{given[0]}", "finite, since particles move", self.speed,
+                   "For a medium at rest, leave out the motion.")  # fmt: skip
 
     def tau0_of(self, known: Sequence[MovingCorrelation], speed: np.ndarray, wavelength: float) -> np.ndarray:
         """tau0 float64[M] of media, from the numbers that were drawn for them float64[M].
@@ -79,8 +79,8 @@ class Speed(Value):
             return speed
         for each, time in zip(known, speed.tolist(), strict=True):
             if np.isinf(each.decay()):
-                kept = f"A share of {each.static_share:.3g} of the light meets nothing that moves."
-                reject(f"{type(self).__name__}.correlation_time", "left out where what rests keeps g1 above 1/e", time,
+                kept = f"A share of {each.static_share:.3g} of the light meets no moving particle."
+                reject(f"{type(self).__name__}.correlation_time", "left out, since g1 stays above 1/e", time,
                        f"{kept} Give tau0.")  # fmt: skip
         return speed / np.array([each.decay() for each in known])
 
@@ -92,13 +92,16 @@ def require_moving(recipe: Recipe, which: str) -> None:
     """
     material: Any = recipe.material
     if isinstance(material, Diffuser):
-        reject("Recipe.material", f"of scatterers {which}", "screens", "Screens drift by [dynamics] velocities.")
+        reject("Recipe.material", f"of scatterers {which}", "screens",
+               "For moving screens, give [dynamics] velocities.")
     if material.kernel != "estimate":
-        reject("Material.kernel", f'"estimate" {which}, for the lookup table has no momentum transfer', material.kernel)
+        reject("Material.kernel", f'"estimate" {which}, since the lookup table has no momentum transfer',
+               material.kernel)
     if recipe.wavenumber_bandwidth:
-        reject("Recipe.light.bandwidth", f"0 {which}", recipe.light.bandwidth, "Motion under a band is not modelled.")
+        reject("Recipe.light.bandwidth", f"0 {which}", recipe.light.bandwidth,
+               "Motion with a bandwidth is not modelled.")
     if not all(material.in_motion(slab).moves for slab in material.extremes()):
-        reject("Material.layers", f"given one that moves {which}", "all at rest")
+        reject("Material.layers", f"given with a layer that moves {which}", "all at rest")
 
 
 def moving(material: Any, slab: Any) -> MovingCorrelation:

@@ -91,9 +91,9 @@ class Vessels(Value):
                 rule = "above 0" if name == "radius" else "finite and at least 0"
                 reject(f"Vessels.{name}", rule, getattr(self, name))
         if ends(self.depth)[0] < ends(self.radius)[1]:
-            reject("Vessels.depth", "at least the largest radius, so that no vessel sticks out of the face", self.depth)
+            reject("Vessels.depth", "at least the largest radius, so that vessels lie inside the tissue", self.depth)
         if not any(ends(getattr(self, name))[0] > 0 for name in ("speed", "diffusion", "tissue_diffusion")):
-            reject("Vessels.speed", "above 0 where nothing else moves", self.speed, "Or give a diffusion.")
+            reject("Vessels.speed", "above 0, since nothing else moves", self.speed, "Or give a diffusion.")
         return self
 
 
@@ -160,9 +160,9 @@ class ContrastMap(Recipe):
         if not isinstance(self.material, Material):
             reject("Recipe.material", f"a slab where the kind is {kind}", self.material)
         for name, given, remedy in (
-            ("window", self.window is not None, "All of the face is lit."),
+            ("window", self.window is not None, "The whole face is illuminated."),
             ("lab", self.lab is not None, "Write material.wavelength, aperture and camera."),
-            ("light.bandwidth", bool(self.light.bandwidth), "Motion under a band is not modelled."),
+            ("light.bandwidth", bool(self.light.bandwidth), "Motion with a bandwidth is not modelled."),
             ("material.faces", not self.material.faces.matched, "Paths between reflecting faces are not modelled."),
         ):
             if given:
@@ -226,7 +226,7 @@ class ContrastMap(Recipe):
 
     def host_work(self) -> list[str]:
         """Parts made on the host: all but fields and images."""
-        return ["how the light of every place forgets"]
+        return ["the temporal correlation of the light of every place"]
 
     def tissue(self, slab: Slab) -> VertexPaths:
         """Paths of a slab: they are keyed by it, not by a seed."""

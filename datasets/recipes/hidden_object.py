@@ -110,7 +110,7 @@ class HiddenObject(ShownObjects):
     @model_validator(mode="after")
     def _check_field(self) -> Self:
         if (self.field is None) == (self.lab is None):
-            reject("HiddenObject.field", "given, or else a table lab, and not both", self.field)
+            reject("HiddenObject.field", "given if there is no table lab, else left out", self.field)
         if self.fits_window and ends(self._pixels)[1] > min(self.camera_shape):
             reject("ObjectField.pixels", f"at most the camera's {min(self.camera_shape)}", ends(self._pixels)[1])
         return self
@@ -159,7 +159,7 @@ class HiddenObject(ShownObjects):
         if self.field.pitch is not None:
             return share
         if share.device.type == "cpu" and not torch.isfinite(materials.half_range).all():
-            reject("ObjectField.extent_over_range", "left out for a material without a memory-effect range",
+            reject("ObjectField.extent_over_range", "left out, since this material has no finite memory-effect range",
                    float(share[0]), "Give the pitch instead.")  # fmt: skip
         return share * materials.range_sine(self.wavelength) / max(self.objects.shape)
 
@@ -189,7 +189,7 @@ class HiddenObject(ShownObjects):
     def path_sum_obstacle(self) -> str | None:
         """Light that a setup depolarises."""
         depolarised = self.bench is not None and self.bench.polarises
-        return super().path_sum_obstacle or ("a bench that depolarises light" if depolarised else None)
+        return super().path_sum_obstacle or ("a table bench that depolarises light" if depolarised else None)
 
     @property
     def _field_number(self) -> Draw:

@@ -72,7 +72,7 @@ class Objective(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.planes > 1 and self.step == 0:
-            reject("Objective.step", "other than 0 where there are several planes", self.step)
+            reject("Objective.step", "other than 0 for several planes", self.step)
         return self
 
     def foci(self, first: float) -> np.ndarray:
@@ -104,8 +104,8 @@ class LensStack(Recipe):
             reject("Recipe.material", "a slab or layers where the kind is lens-stack", type(self.material).__name__)
         for name, given, remedy in (
             ("lab", self.lab is not None, "Write material.wavelength, window and camera."),
-            ("exposure", self.exposure is not None, "Expose the images by specklegen.instrument.expose."),
-            ("light.bandwidth", bool(self.light.bandwidth), "Path sums are of one wavelength."),
+            ("exposure", self.exposure is not None, "Expose the images with specklegen.instrument.expose."),
+            ("light.bandwidth", bool(self.light.bandwidth), "Path sums have one wavelength."),
         ):
             if given:
                 reject(f"Recipe.{name}", "left out where the kind is lens-stack", "given", remedy)
@@ -244,7 +244,8 @@ def taken_power(scene: Scene, pupil: Pupil, paths: int) -> tuple[float, float]:
     power = np.square(np.abs(pupil.cells(side, 2 / side))).ravel()
     views = np.unique(np.searchsorted(power.cumsum() / power.sum(), (np.arange(_VIEWS) + 0.5) / _VIEWS))
     seed = pilot_seed(scene.unitless_fingerprint())
-    value, error = mean_intensity(plan.chosen.pilot.tracer, plan.reverse, views, seed, paths)  # type: ignore[attr-defined]
+    value, error = mean_intensity(plan.chosen.pilot.tracer, plan.reverse, views, seed,
+                                  paths)  # type: ignore[attr-defined]
     if not value > 0:
-        reject("Material.kernel_paths", "enough for some light to reach the lens", paths, "None does.")
+        reject("Material.kernel_paths", "enough that some light reaches the lens", paths, "None of these paths does.")
     return value * float(power.sum()) * scene.grid.pitch**2 / scene.beams.window.area, error / value

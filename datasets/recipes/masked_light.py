@@ -65,7 +65,8 @@ class Slits(Value):
         count, width, gap, length = (ends(getattr(self, name))[1] for name in ("count", "width", "gap", "length"))
         across = count * width + (count - 1) * gap
         if not np.hypot(across, length) < 1:
-            reject("Slits", "within the window, however turned: a diagonal below 1", float(np.hypot(across, length)))
+            reject("Slits", "within the illuminated area at any rotation: a diagonal below 1", float(np.hypot(across,
+                                                                                                              length)))
         return self
 
     def drawn(self, rng: np.random.Generator) -> dict[str, float]:
@@ -177,13 +178,14 @@ class MaskedLight(Recipe):
     @model_validator(mode="after")
     def _one_wave(self) -> Self:
         if self.beams % 2 == 0:
-            reject("MaskedLight.beams", "odd: one along the axis, and as many on either side", self.beams)
+            reject("MaskedLight.beams", "odd: one beam along the axis, and equally many on both sides", self.beams)
         if self.lab is not None or self.light.bandwidth:
-            reject("MaskedLight.light", "of one wavelength, in the engine's terms", self.light)
+            reject("MaskedLight.light", "of one wavelength, with material.wavelength instead of a table lab",
+                   self.light)
         if self.profile != "square":
             reject("Window.profile", '"square", on which a mask is a Fourier series', self.profile)
         if not (self.beams - 1) / np.sqrt(2) * self.step < self._k:
-            reject("MaskedLight.beams", "few enough to travel: sines below 1", self.beams, "Widen the window.")
+            reject("MaskedLight.beams", "few enough that their sines are below 1", self.beams, "Widen the window.")
         return self
 
     @property
@@ -201,7 +203,7 @@ class MaskedLight(Recipe):
             "image": self.observation(self.camera_shape, ("y", "x"), "camera image"),
             "mask": ArraySpec(
                 shape=(self.pixels, self.pixels), dtype="float32", dims=("mask_y", "mask_x"),
-                description="open share of the window in front of the slab, from the smallest y and x",
+                description="open share of the illuminated area in front of the slab, from the smallest y and x",
             ),
             "parameters": PARAMETERS,
         }  # fmt: skip
@@ -219,7 +221,8 @@ class MaskedLight(Recipe):
         """Media at the ends of every range, under all beams."""
         return [self.view(slab) for slab in self.material.extremes()]
 
-    def seen_media(self, drawn: "Addresses", numbers: Sequence[int], materials: "Materials") -> DrawnMedia:  # noqa: ARG002
+    def seen_media(self, drawn: "Addresses", numbers: Sequence[int],
+                   materials: "Materials") -> DrawnMedia:  # noqa: ARG002
         """Media under the lattice of beams."""
         return lattice_media(
             self, drawn, materials, (self.beams, self.beams), self.wavelength / self.geometry.width

@@ -198,8 +198,8 @@ class RecipeMedia(Specification):
         paths = self.material.kernel_paths
         probe_plan = planned(view.probe, Budget(paths=paths), Options(self.sampler, envelope=False, merged=True))
         if self.moving and not probe_plan.chosen.abilities.films and probe_plan.sampler != "paths":
-            reject("Recipe.sampler", "one that knows frames of media that move", probe_plan.sampler,
-                   'Ask for sampler = "stationary".')  # fmt: skip
+            reject("Recipe.sampler", "a sampler that renders frames of moving media", probe_plan.sampler,
+                   'Set sampler = "stationary".')  # fmt: skip
         physical = (decision for decision in probe_plan.decisions if decision.part not in IDEALISED)
         probe_plan = replace(probe_plan, decisions=(*physical, *self.idealisations(view.probe)))
         if not probe_plan.chosen.abilities.medium_by_medium:
@@ -207,8 +207,9 @@ class RecipeMedia(Specification):
         obstacle = self.path_sum_obstacle
         if obstacle and probe_plan.sampler == "paths":
             why = next((d.reason for d in probe_plan.decisions if d.part == "stationary sampler"), "asked for")
-            reject("Recipe", f"without {obstacle} where media are rendered by path sums", self.name,
-                   f'The planner chose them: {why}. Widen the window, or ask for sampler = "stationary".')  # fmt: skip
+            reject("Recipe", f"without {obstacle}, since media are rendered by path sums", self.name,
+                   f'The planner chose path sums: {why}. Widen the illuminated area, or set sampler = '
+                   '"stationary".')  # fmt: skip
         return replace(planned_whole(view.full, paths, type(probe_plan.chosen)), decisions=probe_plan.decisions)
 
     @shielded()
@@ -234,9 +235,10 @@ class RecipeMedia(Specification):
         plans = self.plans()
         doubts = sorted({doubt for each in plans for doubt in each.doubts})
         if doubts:
-            remedy = "" if self.sampler == "auto" else ' Leave the choice to sampler = "auto".'
+            remedy = "" if self.sampler == "auto" else ' Use sampler = "auto".'
             if self.strict:
-                reject("Recipe.sampler", "fit for all media where strict = true", self.sampler, f"{doubts[0]}.{remedy}")
+                reject("Recipe.sampler", "accurate for all media, since strict = true", self.sampler,
+                       f"{doubts[0]}.{remedy}")
             warn_user(f"recipe {self.name}: {doubts[0]}.{remedy}")
         largest = max(plans, key=lambda each: (each.chosen.by_direction, each.expected_error))
         agree = len({each.sampler for each in plans}) == 1

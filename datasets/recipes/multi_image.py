@@ -35,10 +35,9 @@ if TYPE_CHECKING:
     from specklegen.datasets.recipes.recipe import Medium
 
 MODELS = {
-    "autoregression": "the fields of two frames are correlated by e^(-t / correlation_time), whatever ways the light "
-    "took, and no medium obeys that: of scatterers in motion long paths decorrelate first (squares .82 and .0025 at .1 "
-    "and 3 correlation times; .59 and .04 with the paths of a slab of optical depth 10 and g .9)",
-    "brownian": "independent Brownian particles, every path with its own momentum transfer",
+    "autoregression": "the fields of two frames are correlated by e^(-t / correlation_time) for paths of any length; "
+    "in media of moving scatterers long paths decorrelate first",
+    "brownian": "independent Brownian particles, each path with its momentum transfer",
 }
 """Laws by which the field of a medium decorrelates, and what each assumes."""
 _LOG_TIMES = np.linspace(-20.0, 40.0, 13)
@@ -96,20 +95,21 @@ class Dynamics(Speed):
             return self._check_brownian()
         for name in ("interval", "diffusion", "tau0"):
             if getattr(self, name) is not None:
-                reject(f"Dynamics.{name}", 'left out but of model = "brownian"', getattr(self, name))
+                reject(f"Dynamics.{name}", 'left out unless model = "brownian"', getattr(self, name))
         if (self.correlation_time is None) == (self.velocities is None):
             reject("Dynamics", "given by one of correlation_time and velocities", self.model_dump(exclude_none=True))
         if self.velocities is not None and "model" in self.model_fields_set:
-            reject("Dynamics.model", "left out where velocities are given", self.model, "That motion is no model's.")
+            reject("Dynamics.model", "left out if velocities are given", self.model, "Drifting screens need no model.")
         if self.correlation_time is not None:
             require_above("Dynamics.correlation_time", self.correlation_time, 0)
         return self
 
     def _check_brownian(self) -> Self:
         if self.velocities is not None:
-            reject("Dynamics.velocities", 'left out of model = "brownian"', self.velocities, "They are of screens.")
+            reject("Dynamics.velocities", 'left out with model = "brownian"', self.velocities,
+                   "Velocities belong to screens.")
         if self.interval is None:
-            reject("Dynamics.interval", 'given with model = "brownian"', None, "Say the time from frame to frame.")
+            reject("Dynamics.interval", 'given with model = "brownian"', None, "Give the time from frame to frame.")
         self.require_speed("Dynamics", ' of model = "brownian"')
         return self
 
@@ -133,8 +133,9 @@ class DynamicSlab(HiddenObject):
         given = self.dynamics.velocities
         screens = len(self.material.screens) if isinstance(self.material, Diffuser) else 0
         if given is not None and len(given) != screens:
-            reject("Dynamics.velocities", f"{screens} pairs (x, y), one a screen" if screens else "left out for a slab",
-                   len(given), "Give a correlation_time to a medium of scatterers.")  # fmt: skip
+            reject("Dynamics.velocities",
+                   f"{screens} pairs (x, y), one for each screen" if screens else "left out for a slab",
+                   len(given), "For a medium of scatterers, give correlation_time.")  # fmt: skip
         return self
 
     @model_validator(mode="after")

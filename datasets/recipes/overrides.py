@@ -14,7 +14,7 @@ def changes_of(texts: Iterable[str]) -> dict[str, Any]:
     for text in texts:
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
-            reject("a change", "of the form KEY=VALUE", text)
+            reject("a change", "of the form KEY=VALUE, such as material.g=0.8", text)
         table = merged(table, _parse(key.strip(), value.strip(), text))
     return table
 
@@ -25,4 +25,4 @@ def _parse(key: str, value: str, text: str) -> dict[str, Any]:
             return toml_table(f"{key} = {candidate}", "a change")
         except RuleError:
             continue
-    reject("a change", "of the form KEY=VALUE with a dotted key", text)
+    reject("a change", "of the form KEY=VALUE with a dotted key, such as material.g=0.8", text)

@@ -97,7 +97,7 @@ def _read(place: str, heirs: tuple[str, ...], read: list[int]) -> RecipeFile:
         reject("recipe.inherits", "free of circles", " -> ".join(chain))
     read[0] += 1
     if len(heirs) == LONGEST_CHAIN or read[0] > _MOST_READ:
-        reject("recipe.inherits", f"a row of at most {LONGEST_CHAIN} recipes", " -> ".join(chain[:3]) + " -> ...")
+        reject("recipe.inherits", f"a chain of at most {LONGEST_CHAIN} recipes", " -> ".join(chain[:3]) + " -> ...")
     own = _parsed(place)
     parents = own.pop("inherits", [])
     named = parents if isinstance(parents, list) else [parents]
@@ -126,7 +126,7 @@ def _parsed(source: str) -> dict[str, Any]:
         close = get_close_matches(file.name, recipe_names(), 1, 0.6)
         remedy = f"Did you mean {close[0]}?" if close else "`specklegen recipes --all` lists the packaged ones."
         if file.suffix or file.parent != Path.cwd():
-            reject("recipe", "a file that is there, or a packaged name", _relative(file), remedy)
+            reject("recipe", "an existing file, or the name of a packaged recipe", _relative(file), remedy)
         reject("recipe", f"one of {', '.join(recipe_names())}, or the path of a TOML file", _relative(file), remedy)
     table = anchored(toml_table(read_text(file, "recipe"), f"recipe {source}"), file.parent)
     objects = table.get("objects")
@@ -188,7 +188,7 @@ def _without_unset(
     """Return tables without the fields that ``unset`` names in tables of changes, and these without ``unset``."""
     names = changes.get("unset", [])
     if not isinstance(names, list) or not all(isinstance(name, str) and name in base for name in names):
-        reject(f"{place}.unset", f"a list of fields that are inherited, of {', '.join(base) or 'none'}", names)
+        reject(f"{place}.unset", f"a list of inherited fields ({', '.join(base) or 'none'})", names)
     base = {name: dict(each) if isinstance(each, Mapping) else each for name, each in base.items() if name not in names}
     changes = {name: each for name, each in changes.items() if name != "unset"}
     for name, each in changes.items():

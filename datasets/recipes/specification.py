@@ -121,7 +121,8 @@ class Specification(Registered, Pictured):
         if self.lab is not None and isinstance(self.material, Diffuser | PresetMaterial):
             self._take_laboratory(self.lab)
         if self.lab is None and isinstance(self.material, PresetMaterial) and self.material.wavelength is None:
-            reject("Material.preset", 'a table such as {name = "intralipid", wavelength = 0.633} where there is no lab',
+            reject("Material.preset",
+                   'a table with a wavelength, such as {name = "intralipid", wavelength = 0.633}, if there is no lab',
                    self.material.preset)  # fmt: skip
         by_name = self.lab is not None and isinstance(self.material, PresetMaterial)  # whose wavelength is the lab's
         wavelength = None if by_name else self.material.wavelength
@@ -129,25 +130,27 @@ class Specification(Registered, Pictured):
         stated = {name: terms[name] for name in self.engine_terms}
         given = [name for name, value in stated.items() if value is not None]
         if self.lab is not None and given:
-            reject("Recipe.lab", "left out where the engine's terms are given", given, "Write one or the other.")
+            reject("Recipe.lab", "left out if the setup is given by other tables", given,
+                   "Write a table lab, or these fields, not both.")
         if self.lab is None and len(given) < len(stated):
-            reject("Recipe", f"given {', '.join(stated)}, or else a table lab", given)
+            reject("Recipe", f"given by {', '.join(stated)}, or by a table lab", given)
         self._look_up()
         if self.lab is not None:
             self._take_faces(self.lab)
         if self.lab is not None and (self.light.bandwidth or self.light.refractive_index != 1):
-            reject("Recipe.light", "without bandwidth and refractive_index, which the lab gives", self.light)
+            reject("Recipe.light", "without bandwidth and refractive_index, since the table lab gives them", self.light)
         if self.light.polarisation != "scalar" and not self.polarises:
             reject("Light.polarisation", '"scalar" in recipes of this kind', self.light.polarisation,
-                   'Polarised light is known to kind = "analysed-object".')  # fmt: skip
+                   'For polarised light use kind = "analysed-object".')  # fmt: skip
         if self.media is not None and self.media_group != 1:
-            reject("Recipe.media_group", "1 where media are numbered", self.media_group, "Leave out media.")
+            reject("Recipe.media_group", "1 if the number of media is given", self.media_group,
+                   "Leave out media or media_group.")
         if self.lab is None:
             self._check_smear()
         if isinstance(self.material, Diffuser | LayeredMaterial):
             self._check_light("thin screens" if isinstance(self.material, Diffuser) else "layers")
         if self.window is not None and (self.window.width == "fitted") != self.fits_window:
-            reject("Window.width", '"fitted" where field.pixels is given, a length elsewhere', self.window.width,
+            reject("Window.width", '"fitted" with field.pixels, and a length without it', self.window.width,
                    "Give one of window.width and field.pixels.")  # fmt: skip
         if self.bench is not None:
             self._check_bench(self.bench)
@@ -155,7 +158,7 @@ class Specification(Registered, Pictured):
             reject("CameraGrid.pixels_per_grain", f"at least {self.fewest_pixels:g} in recipes of this kind",
                    self.camera.pixels_per_grain, "Finer speckle is undersampled.")  # fmt: skip
         if self.exposure is not None and self.exposure.oversampling != 1:
-            reject("Recipe.exposure.oversampling", "1: pixels are integrated exactly", self.exposure.oversampling)
+            reject("Recipe.exposure.oversampling", "1, since pixels are integrated exactly", self.exposure.oversampling)
         if self.exposure is not None:
             self.exposure.require_light(int(np.prod(self.camera_shape)))
             for camera in (self.exposure, *(self.bench.cameras if self.bench else ())):
@@ -163,40 +166,42 @@ class Specification(Registered, Pictured):
         for name in type(self).model_fields:
             part = getattr(self, name)
             if isinstance(part, Value) and is_own(type(part)) and not isinstance(part, Registered):
-                reject(f"Recipe.{name}", "of a class of this library, whose fields the fingerprint knows", type(part),
-                       "Classes of one's own may be objects, cameras and kinds of recipe.")  # fmt: skip
+                reject(f"Recipe.{name}", "of a class of this library, since the fingerprint covers its fields",
+                       type(part),
+                       "Your own classes may be objects, cameras and kinds of recipe.")  # fmt: skip
         return self
 
     def _check_bench(self, bench: Bench) -> None:
         """Refuse a setup that is not modelled, or whose cameras make counts of another kind."""
         if not self.on_benches:
             reject("Recipe.bench", "left out of recipes of this kind", self.kind,
-                   "It is known to recipes with hidden objects behind slabs and screens, in scalar light.")  # fmt: skip
+                   "Only recipes with hidden objects behind slabs and screens, in scalar light, have it.")  # fmt: skip
         if bench.cameras and self.exposure is None:
-            reject("Bench.cameras", "left out where there is no exposure", len(bench.cameras),
-                   "Give a table exposure: it says what kind of counts samples hold.")  # fmt: skip
+            reject("Bench.cameras", "left out if there is no table exposure", len(bench.cameras),
+                   "Add a table exposure, which sets the type of the stored counts.")  # fmt: skip
         if self.exposure is not None and any(
             (camera.bit_depth is None) != (self.exposure.bit_depth is None) for camera in bench.cameras
         ):
-            reject("Bench.cameras", "all with bit_depth, or all without, as the exposure",
+            reject("Bench.cameras", "all with bit_depth or all without, like the exposure",
                    [camera.bit_depth for camera in bench.cameras])  # fmt: skip
         if bench.polarises and not self.light.polarised:
-            reject("Bench.polarisation", "1 where light.polarised = false", bench.polarisation,
-                   "Depolarised light has the polarisation 0: leave out light.polarised.")  # fmt: skip
+            reject("Bench.polarisation", "1 if light.polarised = false", bench.polarisation,
+                   "Depolarised light already has polarisation 0: leave out light.polarised.")  # fmt: skip
 
     def _check_light(self, what: str) -> None:
         """Refuse what is not modelled behind thin screens and layers."""
         field, bandwidth = ("light", self.light.bandwidth) if self.lab is None else ("lab", self.lab.bandwidth)
         if bandwidth:
-            reject(f"Recipe.{field}.bandwidth", f"0 behind {what}", bandwidth, "It is not modelled there.")
+            reject(f"Recipe.{field}.bandwidth", f"0 behind {what}", bandwidth, "A bandwidth is not modelled there.")
         if self.lab is None or not isinstance(self.material, LayeredMaterial):
             return
         if not self.lab.layer_faces.matched:
-            reject("Lab.faces", '"matched" where the material is in layers, whose faces reflect nothing here',
+            reject("Lab.faces", '"matched" for a material of layers, since reflection at its faces is not modelled',
                    self.lab.faces)  # fmt: skip
         if any(layer.index is not None for layer in self.material.layers):
-            reject("Material.layers.index", "left out in a lab, which gives all layers its refractive_index", "given",
-                   "Or leave out the lab, and say wavelength, window and camera.")  # fmt: skip
+            reject("Material.layers.index", "left out if there is a table lab, whose refractive_index all layers have",
+                   "given",
+                   "Or leave out lab, and give wavelength, window and camera.")  # fmt: skip
 
     def _take_laboratory(self, lab: Lab) -> None:
         """Material by its name: wavelength and unit are those of the laboratory, whose layer has its index."""
@@ -234,7 +239,7 @@ class Specification(Registered, Pictured):
         grains = max(self.camera.shape) / self.camera.pixels_per_grain
         largest = self.light.refractive_index * self.material.wavelength / grains
         if self.light.bandwidth > largest:
-            reject("Light.bandwidth", f"at most {largest:.4g}, which moves the pattern by one speckle",
+            reject("Light.bandwidth", f"at most {largest:.4g}, which shifts the pattern by one speckle size",
                    self.light.bandwidth, "Use a narrower filter, or a smaller camera.")  # fmt: skip
 
     def _facts(self) -> Mapping[str, object]:
@@ -276,9 +281,10 @@ class Specification(Registered, Pictured):
         super().__setstate__({name: each for name, each in state.items() if name != "fingerprint"})
         self.__dict__.pop("_canonical_json", None)  # the sender's
         if self.fingerprint() != state["fingerprint"]:
-            reject("Recipe", f"of the fingerprint that it was sent with, {state['fingerprint'][:12]}",
+            reject("Recipe", f"of the fingerprint with which it was sent, {state['fingerprint'][:12]}",
                    self.fingerprint()[:12],
-                   "This process has another version of the package, or of a part of yours.")  # fmt: skip
+                   "This process has another version of the package or of your classes: use the same in "
+                   "all processes.")  # fmt: skip
 
     @property
     def data_version(self) -> int:
@@ -323,7 +329,7 @@ class Specification(Registered, Pictured):
             return Viewing(self.wavelength, lab.aperture, lab.profile, grid, lab.wavenumber_bandwidth, True)
         assert self.window is not None
         if self.window.width == "fitted":
-            reject("Recipe.geometry", "asked of a medium where the window is fitted", self.window.width)
+            reject("Recipe.geometry", "read from a medium, since the illuminated area is fitted", self.window.width)
         return self.seen_through(self.window.width)
 
     def seen_through(self, width: float) -> Viewing:

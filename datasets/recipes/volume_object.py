@@ -64,7 +64,8 @@ class VolumeObject(VolumeRecipe, HiddenObject):
     def _check_pitch(self) -> Self:
         if self.field is None or self.field.pitch is None or self.field.pixels is not None:
             reject("ObjectField", "given by pitch alone where the kind is volume-object", self.field,
-                   "Volumes have no memory-effect range in closed form: state the sine between pixels.")  # fmt: skip
+                   "Volumes have no memory-effect range in closed form: give the direction sine "
+                   "between pixels.")  # fmt: skip
         return self
 
     def beams(self, seed: int, split: Split, medium: int) -> Beams:

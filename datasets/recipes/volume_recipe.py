@@ -102,16 +102,16 @@ class VolumeRecipe(Recipe):
                    self.material, "Boxes and voxels are made of these.")  # fmt: skip
         for name, given, remedy in (
             ("lab", self.lab is not None, "Write material.wavelength, window and camera."),
-            ("exposure", self.exposure is not None, "Expose the images by specklegen.instrument.expose."),
-            ("light.bandwidth", bool(self.light.bandwidth), "Path sums are of one wavelength."),
-            ("material.faces", not self.material.faces.matched, "Boxes and voxels have no step of the index."),
+            ("exposure", self.exposure is not None, "Expose the images with specklegen.instrument.expose."),
+            ("light.bandwidth", bool(self.light.bandwidth), "Path sums have one wavelength."),
+            ("material.faces", not self.material.faces.matched, "Boxes and voxels are index-matched."),
             ("mode_tolerance", "mode_tolerance" in self.model_fields_set, "Path sums have no modes."),
         ):
             if given:
                 reject(f"Recipe.{name}", f"left out where the kind is {kind}", "given", remedy)
         if self.outline is None and self.camera is not None and self.camera.distance is None:
             reject("Recipe.outline", f"given where the kind is {kind} and the camera has no distance", None,
-                   "Slabs seen from afar are what tilt-stack and hidden-object render.")  # fmt: skip
+                   "Slabs in the far field are rendered by kinds tilt-stack and hidden-object.")  # fmt: skip
         return self
 
     def beams(self, seed: int, split: Split, medium: int) -> Beams:
@@ -272,5 +272,5 @@ def expected_intensity(scene: Scene, paths: int) -> tuple[float, float]:
     seed = pilot_seed(scene.unitless_fingerprint())
     value, error = mean_intensity(plan.chosen.pilot.tracer, plan.reverse, views, seed, paths)
     if not value > 0:
-        reject("Material.kernel_paths", "enough for some light to reach the camera", paths, "None does.")
+        reject("Material.kernel_paths", "enough that some light reaches the camera", paths, "None does.")
     return value, error / value

@@ -85,13 +85,13 @@ def _changed(base: Written, own: Written, nodes: Nodes) -> Written:
     metres = (own if leads else base).mark.metres or own.mark.metres
     if base.mark.lengths and own.mark.metres is None:
         text = next(iter(base.texts.items()), ("a length", "5 mm"))
-        rule = f'written with its unit, as {text[0]} = "{text[1]}" is in what it changes'
+        rule = f'written with its unit, since the inherited recipe has {text[0]} = "{text[1]}"'
         refuse("", [(each.place, rule, each.value) for each in _lengths(own.table, nodes)])
     table, changes = base.table, own.table
     if leads and base.mark.metres is None:
         stays = {each.place for each in _lengths(changed(table, own.table), nodes)}
         stays -= {each.place for each in _lengths(own.table, nodes)}
-        rule = "in a known unit of length, beside lengths with units"
+        rule = "written with its unit, since other lengths have one"
         refuse("", [(each.place, rule, each.value) for each in _lengths(table, nodes)
                     if each.place in stays and own.mark.lengths])  # fmt: skip
     elif leads and metres and base.mark.metres:
@@ -123,18 +123,18 @@ def in_pixels(table: Mapping[str, Any]) -> dict[str, Any]:
             reject(f"Pixels.{name}", "given", "nothing", "In camera pixels; shape as [rows, columns].")
     also = [name for name in ("lab", "window", "camera", "field") if name in fields]
     if also:
-        reject("Recipe.pixels", "left out where the setup is given in lengths", also, "Write one or the other.")
+        reject("Recipe.pixels", "left out if the setup is given in lengths", also, "Write one or the other.")
     grain, cell = (real_number(f"Pixels.{name}", given[name]) for name in ("grain", "object_pixel"))
     for name, value in (("grain", grain), ("object_pixel", cell)):
         if not 0 < value < 1e6:
             reject(f"Pixels.{name}", "greater than 0, in camera pixels", value)
     if grain < LEAST_PIXELS:
         rule = f"at least {LEAST_PIXELS:g} camera pixels"
-        reject("Pixels.grain", rule, grain, "Finer speckle is undersampled: do not bin.")
+        reject("Pixels.grain", rule, grain, "Finer speckle is undersampled: do not bin pixels.")
     material: dict[str, Any] = dict(fields.get("material") or {"screens": [{"type": "GroundGlass", "angle": 0.26}]})
     if "screens" not in material or material.get("gaps"):
-        reject("Recipe.material", "left out, or one thin screen, where the setup is given in pixels", sorted(material),
-               "How far a slab remembers, in pixels, takes a [lab], or a measured C_I (reconstruct --memory-effect).",
+        reject("Recipe.material", "left out, or one thin screen, if the setup is given in pixels", sorted(material),
+               "For a slab, give a [lab], or a measured C_I (reconstruct --memory-effect).",
         )  # fmt: skip
     material.setdefault("wavelength", _WAVELENGTH)
     wavelength = real_number("Material.wavelength", material["wavelength"])

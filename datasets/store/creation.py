@@ -24,6 +24,8 @@ from specklegen.datasets.store.layout import layout_of, rendering_note
 from specklegen.datasets.store.places import content, is_remote, listed, put_new
 from specklegen.datasets.store.store import Store, claim_metadata
 
+_LISTED = 5  # differences of a message
+
 
 @dataclass(frozen=True)
 class Share:
@@ -111,7 +113,7 @@ def _require_same_rendering(store: Store, recipe: Renderable) -> None:
     then, now = store.attributes["rendering"], rendering_note(recipe)
     if then == now:
         return
-    remedy = "Render all of it anew in another folder, or ask for one sampler by name."
+    remedy = "Generate the data set again in another folder, or name one sampler in the recipe."
     if getattr(recipe, "strict", False):
         reject("generate.folder", f'a store that is "{now}"', then, remedy)
     warn_user(f'{store.folder} was "{then}", and is now "{now}". {remedy}')
@@ -125,8 +127,11 @@ def require_same(store: Store, wanted: Mapping[str, Any]) -> None:
 def _require_same(folder: Path, attributes: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
     fields = differences(attributes["identity"], wanted)
     if fields or attributes["fingerprint"] != fingerprint(wanted):
-        reject("generate.folder", "a new folder, or a store of the same recipe, seed, split and type", str(folder),
-               f"It differs in {'; '.join(fields) or 'its fingerprint'}. Choose another folder, or agree.")  # fmt: skip
+        more = f"; and {len(fields) - _LISTED} more" if len(fields) > _LISTED else ""
+        reject("generate.folder", "a new folder, or a store of the same recipe, seed, split and dtype", str(folder),
+               f"The store differs in {'; '.join(fields[:_LISTED]) or 'its fingerprint'}{more}. Choose another "
+               "folder, or "
+               "use the recipe of the store (`specklegen store info FOLDER` shows it).")  # fmt: skip
 
 
 def grown(store: Store, samples: int) -> Store:

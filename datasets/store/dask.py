@@ -102,11 +102,11 @@ def _ended(client: "Client", futures: "Sequence[Future]") -> "Iterator[Future]":
             continue
         last = time.monotonic()
         if not client.nthreads():
-            kept = "shards that are stored are kept, and a further call goes on."
+            kept = "stored shards are kept, and the next call resumes."
             if isinstance(client.cluster, LocalCluster):
-                raise GenerationError(f"the local Dask cluster has no worker left: they died, perhaps for want of "
-                                      f"memory. Start a new one, of fewer workers: {kept}")  # fmt: skip
-            warn_user(f"generate waits for a worker: the Dask cluster has none. Start some, or stop it: {kept}")
+                raise GenerationError(f"the local Dask cluster has no worker left: they died, perhaps for lack of "
+                                      f"memory. Start a cluster with fewer workers: {kept}")  # fmt: skip
+            warn_user(f"generate waits, since the Dask cluster has no worker. Start workers, or stop generate: {kept}")
             warned = True
 
 

@@ -85,10 +85,10 @@ def foreseen(
         return ""
     cost = estimate(recipe, samples, seed, split, processes=processes)
     if not anyway:
-        remedy = "Ask for fewer samples, or go on all the same with --anyway."
+        remedy = "Ask for fewer samples, or start nevertheless with --anyway."
         if cost["bytes"] > free:
             have, need = (f"{count / 2**30:.2g} GiB" for count in (free, cost["bytes"]))
-            reject("generate.samples", f"stored within the {have} that are free in {folder}", f"{need} for {samples}",
+            reject("generate.samples", f"small enough for the {have} free in {folder}", f"{need} for {samples}",
                    f"Make room. {remedy}")  # fmt: skip
         if cost["seconds"] > MOST_SECONDS:
             require_time("generate.samples", cost["seconds"], counted(samples, "sample"), remedy)

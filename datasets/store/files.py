@@ -54,15 +54,15 @@ def _refusal(error: Exception) -> tuple[str, str]:
     """Name what must be so, and the remedy, by the kind of error; those of botocore are known by their names alone."""
     kind = type(error).__name__
     if "Credential" in kind:
-        return "at an address whose credentials are known", "Set them in the environment, or give a UPath its options."
+        return "at an address with credentials", "Set credentials in the environment, or as options of a UPath."
     if isinstance(error, PermissionError):
         return "readable by you", "Check the permissions of the folder, or the credentials of the address."
     if isinstance(error, TimeoutError) or "Timeout" in kind:
-        return "in a place that answers in time", "Try again, or check the network."
+        return "at a server that answers in time", "Try again, or check the network."
     if isinstance(error, ConnectionError) or "Connect" in kind:
-        return "in a place that can be reached", "Check the address and the network."
+        return "at an address that can be reached", "Check the address and the network."
     if isinstance(error, ImportError):
-        return "at an address whose file system is installed", "Install the package that it names."
+        return "at an address of an installed file system", "Install the package that the system names."
     return ("readable", "Nothing was changed: try again.") if isinstance(error, OSError) else ("", "")
 
 
@@ -77,5 +77,5 @@ def writing(folder: Path) -> Iterator[None]:
     except OSError as error:
         remedy = f"The system says: {error}."
         if no_room(error):
-            remedy += " Make room, then run the same command again: what is stored is kept."
-        reject("generate.folder", "in a place where you can write", str(folder), remedy)
+            remedy += " Make room, then run the same command again: stored samples are kept."
+        reject("generate.folder", "a folder in which you can write", str(folder), remedy)

@@ -178,10 +178,10 @@ def _batch(recipe: Renderable, seed: int, split: str, indices: Sequence[int]) ->
 
 def _as_stored(key: str, array: np.ndarray, promised: np.dtype, stored: np.dtype) -> np.ndarray:
     if array.dtype != promised:
-        reject(f"sample[{key!r}]", f"{promised}, as its layout says", array.dtype)
+        reject(f"sample[{key!r}]", f"{promised}, as in its layout", array.dtype)
     if stored == promised:
         return array
     cast = array.astype(stored)
     if not np.array_equal(cast.astype(promised), array) or (array < 0).any() or (array > 65535).any():
-        reject(f"sample[{key!r}]", "whole counts from 0 to 65535, as its layout says", array.ravel()[:6])
+        reject(f"sample[{key!r}]", "whole counts from 0 to 65535, as in its layout", array.ravel()[:6])
     return cast

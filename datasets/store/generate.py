@@ -151,7 +151,9 @@ def generate(
     if failures:
         shown = "\n".join(failures[:5])
         raise GenerationError(
-            f"{len(failures)} of {counted(len(shards), 'shard')} failed; the others are stored.\n{shown}"
+            f"{len(failures)} of {counted(len(shards), 'shard')} failed; the others are stored. Remove the cause, "
+            "then run the "
+            f"same command again: it resumes.\n{shown}"
         )
     with reaching(store.folder):
         if is_remote(store.folder) and Store(store.folder).samples < samples:
@@ -184,7 +186,8 @@ def unlisted(store: Store, shards: Sequence[int]) -> list[int]:
             continue  # `verify` tells of it, and mends it
     if foreign:
         shown = "\n".join(foreign[:5])
-        raise GenerationError(f"{counted(len(foreign), 'shard')} of {store.folder} differ from its ledger.\n{shown}")
+        raise GenerationError(f"{counted(len(foreign), 'shard')} of {store.folder} differ from its ledger. Repair the "
+                              f"store: specklegen store verify FOLDER --repair RECIPE.\n{shown}")
     return taken_off
 
 

@@ -145,7 +145,7 @@ def read(folder: Path) -> Metadata:
     while True:
         data = _bytes(_record(folder))
         there = _parsed(data)
-        faults = ["valid/record.json (missing, or not as it was written)"]
+        faults = ["valid/record.json (missing or changed)"]
         if there is not None:
             for samples in (there.samples, there.room):
                 require_bounded("store metadata", samples, there.attributes["shard_samples"])
@@ -153,8 +153,8 @@ def read(folder: Path) -> Metadata:
             if not faults:
                 return there
         if not data and is_remote(folder) and is_store(folder) and not _bytes(_record(folder)):
-            reject("store.folder", "a store that has been begun", str(folder),
-                   "A call of generate is beginning it, or was killed at it: run generate again.")  # fmt: skip
+            reject("store.folder", "a store whose creation has ended", str(folder),
+                   "A call of generate is creating it, or was killed meanwhile: run generate again.")  # fmt: skip
         if _bytes(_record(folder)) != data:
             continue  # another call is growing it, or, if lengths alone differ, may be
         only_lengths = all("(length" in fault for fault in faults)
@@ -186,11 +186,13 @@ def reject_strangers(folder: Path) -> None:
         return
     content = _json(folder / "zarr.json") if is_store(folder) else None
     if bytes_of(folder / "zarr.json", expected=False) is None:
-        reject("store.folder", "a folder that holds a store", str(folder), "Make one with generate.")
+        reject("store.folder", "a folder that holds a store", str(folder),
+               "Check the path, or make a store with `specklegen generate`.")
     attributes = content.get("attributes") if isinstance(content, dict) else {}
     stated = attributes.get("format") if isinstance(attributes, dict) else None
     if content is not None and not str(stated).startswith("specklegen store"):
-        reject("store.folder", "a folder that holds a store", str(folder), "Make one with generate.")
+        reject("store.folder", "a folder that holds a store", str(folder),
+               "Check the path, or make a store with `specklegen generate`.")
     if content is not None and stated != FORMAT:
         reject("store.folder", f"a {FORMAT}", f"{folder}, a {stated}",
                "Generate it again in a new folder, from the recipe and the seed in its zarr.json.")  # fmt: skip
@@ -245,6 +247,6 @@ def stated(folder: Path) -> tuple[dict[str, Any], int]:
         if not isinstance(attributes["shard_samples"], int) or attributes["shard_samples"] < 1 or samples < 1:
             raise ValueError
     except (KeyError, TypeError, ValueError, IndexError):
-        reject("store metadata", f"readable, in valid/record.json or else in every zarr.json of {folder}", "neither",
+        reject("store metadata", f"readable in valid/record.json, or in every zarr.json of {folder}", "neither",
                "Generate the samples again in a new folder.")  # fmt: skip
     return attributes, samples

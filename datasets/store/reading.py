@@ -54,7 +54,7 @@ class SampleReader:
             table = self._table(shard)
             arrays = {key: files.read(index) for key, files in self.store.shard_files.items()}
         except MissingSample as error:
-            raise MissingSample(f"{error}, though the ledger lists it. {REMEDY}") from None
+            raise MissingSample(f"{error}, but the ledger lists it. {REMEDY}") from None
         place, seed = f"shard {shard} of {self.store.folder}", self.store.seed
         there, of = int(table["index"][row]), int(table["seed"][row])
         if (there, of) != (index, seed):
@@ -79,7 +79,7 @@ class SampleReader:
             self._valid.popitem(last=False)
         if not valid[row]:
             raise UnlistedSample(
-                f"sample {index} of {self.store.folder} has not been generated yet. Run generate again; it resumes"
+                f"sample {index} of {self.store.folder} has not been generated yet. Run generate again: it resumes"
             )
 
     def _forget(self, shard: int) -> None:

@@ -62,10 +62,10 @@ def read_table(file: Path, dtype: np.dtype, shape: tuple[int, ...], expected: bo
     """
     data = content(file, expected=expected)
     if data is None:
-        raise MissingSample(f"{file} is not there")
+        raise MissingSample(f"{file} is missing")
     rows = _checked(data, file)
     if len(rows) != int(np.prod(shape)) * dtype.itemsize:
-        raise DamagedShard(f"{file} holds a table of another size. {REMEDY}")
+        raise DamagedShard(f"{file} has a table of the wrong size. {REMEDY}")
     return np.frombuffer(rows, dtype.newbyteorder("<")).reshape(shape)
 
 
@@ -134,12 +134,12 @@ class ShardFiles:
             data = _checked(patiently(lambda: self._chunk(sample)), file)
         # What it says that it unpacks to: a kilobyte of a stranger's would otherwise be let grow to gigabytes.
         if (_unpacked_length(data) if self._compressed else len(data)) != self._bytes:
-            raise ForeignShard(f"{file} holds samples of another size. {REMEDY}")
+            raise ForeignShard(f"{file} has samples of the wrong size. {REMEDY}")
         if self._compressed:
             try:
                 data = _BLOSC.decode(data)
             except RuntimeError as error:
-                raise DamagedShard(f"{file} cannot be unpacked. {REMEDY}") from error
+                raise DamagedShard(f"{file} cannot be decompressed. {REMEDY}") from error
         return np.frombuffer(data, self._dtype).reshape(self._shape)
 
     def _chunk(self, sample: int) -> bytes:
@@ -185,7 +185,7 @@ class ShardFiles:
         try:
             handle, tail = patiently(lambda: opened_at_tail(file, length))
         except FileNotFoundError:
-            raise MissingSample(f"{file} is not there") from None
+            raise MissingSample(f"{file} is missing") from None
         try:
             return _OpenShard(handle, np.frombuffer(_checked(tail, file), "<u8").reshape(-1, 2), file)
         except BaseException:

@@ -154,7 +154,8 @@ def advise(
     require_scalar(f"{owner} slab", slab)
     wavelength = positive_number(f"{owner} wavelength", wavelength)
     if not slab.faces.matched or slab.scatterer.type not in ("HenyeyGreenstein", "Isotropic"):
-        reject(f"{owner} slab", "of Henyey-Greenstein scatterers and matched faces, as those of the tables", slab)
+        reject(f"{owner} slab",
+               "a slab of Henyey-Greenstein scatterers and index-matched faces, as in the lookup table", slab)
     numbers = _numbers(slab)
     moving = "diffusion" in numbers
     known = {name: value for name, value in numbers.items() if name not in free}
@@ -163,12 +164,12 @@ def advise(
     usual = _usual(unknowns.slabs(at), wavelength, moving)
     given = usual if instruments is None else several(f"{owner} instruments", instruments, Observation)
     if not moving and any(isinstance(each, TemporalCurve) for each in given):
-        reject(f"{owner} slab", "one whose particles move, for a TemporalCurve", slab,
+        reject(f"{owner} slab", "a slab of moving particles, for a TemporalCurve", slab,
                "Give it motion=Brownian(diffusion=...).")  # fmt: skip
     for each in given:
         if not predict([each], wavelength, unknowns.slabs(at)[None], ()).inside[0]:
-            reject(f"{owner} slab", "within the tables of path lengths, up to an optical depth of 20, for such data",
-                   each, "Leave it out.")  # fmt: skip
+            reject(f"{owner} slab", "within the tables of path lengths (optical depth at most 20) for this measurement",
+                   each, "Leave this measurement out.")  # fmt: skip
     rows = tuple(_expected(unknowns, at, wavelength, given[: n + 1]) for n in range(len(given)))
     missing = [each for each in usual if type(each) not in {type(other) for other in given}]
     additions = [_expected(unknowns, at, wavelength, (*given, each)) for each in missing]

@@ -104,12 +104,12 @@ def fit_grain(images: Tensor, extent: int, profile: Profile = "disc", seed: Seed
     half = seen.shape[-2] // 2
     if min(half, seen.shape[-1]) < tile:
         reject("fit_grain images", f"of at least {2 * tile} x {tile} pixels", tuple(images.shape[-2:]),
-               "Take more of the camera, or a smaller extent.")  # fmt: skip
+               "Use a larger part of the camera, or a smaller extent.")  # fmt: skip
     tried = np.exp(np.arange(np.log(SMALLEST), np.log(LARGEST), STEP))
     passed = torch.stack([transfer(profile, float(grain), tile) for grain in tried]).float()
     parts = seen[:, :half], seen[:, half:]
     if not all((each.std((1, 2)) > _EVEN * each.mean((1, 2)).clamp_min(_EVEN)).all() for each in parts):
-        reject("fit_grain images", "of speckle in both halves", "a half that is even")
+        reject("fit_grain images", "speckle in both halves of the frame", "a half without contrast")
     halves = [tile_power(each, tile) for each in parts]
     start = _first_image((halves[0] + halves[1]) / 2, size, seed)
     independent = seen.shape[-1] * half / tile**2 / _HANN

@@ -181,7 +181,7 @@ class MaterialFit(Pictured):
     def slab(self) -> Slab:
         """The slab that fits best."""
         if isinstance(self.problem, Surface):
-            reject("MaterialFit.slab", "asked of a fit without a model", self, "Take media: one for each observation.")
+            reject("MaterialFit.slab", "read from a fit without a model", self, "Use .media: one for each observation.")
         return cast(Slab, self.media[0])
 
     @property
@@ -218,10 +218,10 @@ class MaterialFit(Pictured):
             For a hopeless fit without ``force``.
         """
         if self.hopeless and not force:
-            reject("MaterialFit.interval", f"asked of a fit with p_value of at least {_DOUBTFUL:g}",
+            reject("MaterialFit.interval", f"computed for a fit with p_value of at least {_DOUBTFUL:g}",
                    f"{self.p_value:.1g}: chi squared {self.chi_squared:.4g} of {self.degrees}",
-                   "The model or the errors are wrong: see residuals, and fit another model. force=True computes the "
-                   "intervals all the same.")  # fmt: skip
+                   "The model or the errors are wrong: check the residuals, and fit another model. force=True computes "
+                   "intervals nevertheless.")  # fmt: skip
         level = real_number("MaterialFit.interval level", level)
         if not 0 < level < 1:
             reject("MaterialFit.interval level", "between 0 and 1, both excluded", level)
@@ -398,7 +398,7 @@ def fit_material(
     seen = several(f"{owner} observations", observations, Observation)
     for each in seen:
         if each.planned:
-            reject(f"{owner} observations", "measured", each, "Ask advise about what is planned.")
+            reject(f"{owner} observations", "measured", each, "For planned observations use advise.")
     unused = ("rel_error", "seconds", "reverse", "tolerance")
     budget = budget_of(owner, budget, fields, unused if model is not None else ("paths", "seed", "threads", *unused))
     if model is not None:
@@ -412,7 +412,7 @@ def fit_material(
     minimum = minimize(problem.model, starts, unknowns.low, unknowns.high, nothing_held(len(starts), starts.shape[1]))
     best = int(np.argmin(minimum.cost))
     if not np.isfinite(minimum.cost[best]):
-        reject(f"{owner} observations", "such that a slab of the tables could show them", seen)
+        reject(f"{owner} observations", "possible for a slab of the tables", seen)
     fit = _fit_at(problem, minimum.at[best], float(minimum.cost[best]))
     if fit.p_value < _DOUBTFUL:
         _require_correlation(owner, problem)
@@ -441,7 +441,7 @@ def _require_values(owner: str, seen: Sequence[Observation], free: Sequence[str]
     count = sum(len(each.values) for each in seen)
     if count < len(free):
         reject(f"{owner} observations", f"at least {len(free)} values, as many as there are free numbers", count,
-               "Measure more, or name fewer in free.")  # fmt: skip
+               "Add observations, or name fewer numbers in free.")  # fmt: skip
 
 
 def _fit_at(problem: Problem | Surface, at: np.ndarray, cost: float) -> MaterialFit:
@@ -453,13 +453,13 @@ def _fit_at(problem: Problem | Surface, at: np.ndarray, cost: float) -> Material
     chance = float(chi2.sf(cost, degrees)) if degrees else 1.0
     doubts, vague = (), ()
     if degrees and chance < _DOUBTFUL:
-        what = "the model does not show" if isinstance(unknowns, Ranges) else (
-            "no slab of Henyey-Greenstein scatterers and matched faces shows")  # fmt: skip
+        what = "the model does not predict" if isinstance(unknowns, Ranges) else (
+            "no slab of Henyey-Greenstein scatterers and index-matched faces predicts")  # fmt: skip
         doubts = (f"chi squared is {cost:.4g} of {degrees} (p = {chance:.1g}): {what} these data within their errors",)
     if isinstance(unknowns, Ranges):
         for name, u, error in zip(unknowns.free, at, np.sqrt(np.diag(covariance)), strict=True):
             if min(u, 1 - u) < 1e-6:
-                doubts += (f"{name} lies at the end of its range: the truth may be beyond",)
+                doubts += (f"{name} lies at the end of its range: the true value may be outside",)
             if error > VAGUE:
                 vague += (f"{name} is not determined within its range by these data",)
         media = problem.media_of(at)
@@ -516,7 +516,7 @@ def _doubts(problem: Problem, at: np.ndarray, slab: Slab) -> tuple[str, ...]:
     unknowns, doubts = problem.unknowns, []
     for name, value, low, high in zip(unknowns.free, at, unknowns.low, unknowns.high, strict=True):
         if name != "albedo" and min(value - low, high - value) < 1e-6:
-            doubts.append(f"{name} lies at the end of the tables: the truth may be beyond")
+            doubts.append(f"{name} lies at the end of the tables: the true value may be outside")
     if slab.mean_free_path < problem.wavelength:
         doubts.append(
             f"a mean free path of {slab.mean_free_path:.2g} is below the wavelength of {problem.wavelength:.2g}: are "
@@ -595,8 +595,8 @@ def _require_correlation(owner: str, problem: Problem) -> None:
         middle = float(np.median(predict([each], problem.wavelength, slabs, ()).values[:, first]))
         if middle < _FAR < each.values[first]:
             reject(f"{owner} tilts", "in radians, and the thickness in the unit of the wavelength",
-                   f"{float(each.at[first]):g} at first, where C_I of slabs that thick is {middle:.2g}, not "
-                   f"{float(each.values[first]):.2g}", "Use np.deg2rad.")  # fmt: skip
+                   f"{float(each.at[first]):g} first, where C_I of such a thick slab is {middle:.2g}, not "
+                   f"{float(each.values[first]):.2g}", "Convert degrees by np.deg2rad.")  # fmt: skip
 
 
 def _held(fit: MaterialFit, weights: np.ndarray, goals: np.ndarray, near: np.ndarray) -> Minimum:

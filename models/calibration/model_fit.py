@@ -211,7 +211,8 @@ def surface_of(
                         for name, u, (low, high) in zip(ranges.free, at, ranges.ends, strict=True)})  # fmt: skip
         media = (made,) * len(observations) if isinstance(made, PlaneMedium) else tuple(made)
         if len(media) != len(observations) or not all(isinstance(each, PlaneMedium) for each in media):
-            reject(f"{owner} model", f"such that it returns a Slab or Layers, or one for each of {len(observations)} "
+            reject(f"{owner} model",
+                   f"a function that returns a Slab or Layers, or one for each of {len(observations)} "
                    "observations", made)  # fmt: skip
         return media
 
@@ -310,11 +311,11 @@ def _run(
             light = reflectance_transmittance(medium, **fields)
             value = [light.ballistic if isinstance(each, BallisticFraction) else light.transmittance]
         else:
-            reject(f"{owner} observations", "other than this for a model", each)
+            reject(f"{owner} observations", "of another type, since a model does not predict this one", each)
         parts.append(value)
     row = np.concatenate(parts)
     if not np.isfinite(row).all():
-        reject(f"{owner} paths", "so many that some carry light", budget.paths)
+        reject(f"{owner} paths", "enough that some carry light", budget.paths)
     return row
 
 

@@ -195,7 +195,7 @@ class SetupFit(Pictured):
             facts["range"] = f"{self.range:.3g} pixels (95 %: {self.ranges.told(0.95)})"
         order = self.measured.envelope_order
         facts["envelope"] = "left in or given" if order is None else f"order {order}"
-        others = [f"{name} {far:.1f} standard errors behind" for name, far in self.behind.items()
+        others = [f"{name} fits worse by {far:.1f} standard errors" for name, far in self.behind.items()
                   if name != self.profile]  # fmt: skip
         spectrum = f"p = {self.p_value:.2g}, {counted(self.tiles, 'tile')}"
         return facts | {"other shapes": others, "spectrum": spectrum, "doubts": self.doubts}
@@ -286,25 +286,28 @@ def fit_setup(
     behind = {name: _behind(tiles, best, each) for name, each in fits.items()}
     like = [name for name, far in behind.items() if name != best.profile and far < _SURE]
     if like:
-        doubts.append(f"the iris may as well be a {' or a '.join(like)}: take more frames, or name the profile")
+        doubts.append(f"the aperture may also be a {' or a '.join(like)}: take more frames, or give the profile")
     slopes = _slopes(tiles, best, pixel_integration)
     covariance = _covariance(tiles, best, slopes)
     chance, rings = _misfit(tiles, best, slopes)
     if chance < _DOUBTFUL and target is not None:
-        doubts.append(f"no speckle of this target through a round or square iris has this spectrum (p = {chance:.1g})")
+        doubts.append(f"speckle of this target behind a round or square aperture does not have this spectrum (p = "
+                      f"{chance:.1g})")
     elif chance < _DOUBTFUL:
         doubts.append(
-            f"no speckle of one point through a round or square iris has this spectrum (p = {chance:.1g}): an object "
-            "that is larger than a grain, an iris that is not round or square, light that is filtered or compressed"
+            f"speckle of one point behind a round or square aperture does not have this spectrum (p = {chance:.1g}). "
+            "Possible causes: an object larger than a speckle grain, another shape of the aperture, a filtered or "
+            "compressed image"
         )
     if best.grain > np.log(min(tiles.shape) / _FEWEST) - 1e-3 or best.grain < np.log(_FINEST) + 1e-3:
-        doubts.append("the grain lies at the end of what these frames can tell")
+        doubts.append("the speckle size lies at the end of the range that these frames resolve")
     contrast, noise = np.sqrt(best.lit), np.sqrt(best.noise)
     errors = np.sqrt(np.maximum(np.diag(covariance)[:_NUMBERS], 0.0))
     if best.lit - 1 > _ABOVE * errors[1]:
         doubts.append(
-            f"the speckle of one point has a contrast of {contrast:.2f}, and none has one above 1: another target, or "
-            "light that is limited before the medium instead of behind it"
+            f"the contrast is {contrast:.2f}, but speckle of one point has at most 1. Possible causes: another "
+            "target, or "
+            "an aperture in front of the medium instead of behind it"
         )
     return SetupFit(best.profile, float(np.exp(best.grain)), float(np.exp(best.grain) * errors[0]), float(contrast),
                     float(errors[1] / (2 * contrast)), float(noise),
@@ -352,9 +355,9 @@ def _tiles(light: np.ndarray, guess: float, target: Target = _POINT) -> _Seen:
     least = max(_TILE, int(np.ceil(2 * _FEWEST * guess)), int(np.ceil(2 * target.extent)))
     count, height, width = light.shape
     if min(height, width) < least or count * (height // least) * (width // least) < _TILES:
-        rule = f"{_TILES} tiles of {least} x {least} pixels at least, {2 * _FEWEST} grains a side"
+        rule = f"at least {_TILES} tiles of {least} x {least} pixels, each {2 * _FEWEST} speckle grains a side"
         reject(f"{_OWNER} photographs", rule,
-               f"{counted(count, 'frame')} of {height} x {width}", "Take more frames, or larger ones.")  # fmt: skip
+               f"{counted(count, 'frame')} of {height} x {width}", "Take more or larger frames.")  # fmt: skip
     rows, columns = height // least, width // least
     tall, wide = height // rows, width // columns
     cut = light[:, : rows * tall, : columns * wide].reshape(count, rows, tall, columns, wide)

@@ -162,7 +162,7 @@ def target_of(owner: str, target: object, step: float) -> Target:
     light = real_array(f"{owner} target", target)  # type: ignore[arg-type]
     if light.ndim != 2 or not light.size or max(light.shape) > _LARGEST:
         reject(f"{owner} target", f"an image of one to {_LARGEST} cells a side", light.shape,
-               "Take fewer, coarser cells, and a longer target_step.")  # fmt: skip
+               "Use fewer, coarser cells, and a longer target_step.")  # fmt: skip
     if not np.isfinite(light).all() or light.min() < 0 or not light.max() > 0:
         reject(f"{owner} target", "at least 0, and above 0 somewhere", light)
     rows, columns = (np.flatnonzero(light.any(axis)) for axis in (1, 0))

@@ -40,24 +40,24 @@ _SHOWN = 10
 _MOVES = 12  # images by which the slopes of their numbers are found
 _CAUSES = {
     "contrast": (
-        "light of one more polarisation (an analyser forgotten), a wider bandwidth, motion within the exposure, stray "
+        "a second polarisation (a missing analyser), a wider bandwidth, motion within the exposure, stray "
         "light or a black level set too low",
         "an analyser or narrower light than the setup has, or a black level set too high",
     ),
     "grain": (
-        "a finer grain: a wider iris or one of another shape, a shorter distance to the camera, or noise",
-        "a coarser grain: a narrower iris or one of another shape, a longer distance to the camera, or blur",
+        "smaller speckle: a wider aperture or one of another shape, a shorter distance to the camera, or noise",
+        "larger speckle: a narrower aperture or one of another shape, a longer distance to the camera, or blur",
     ),
-    "spectrum": ("another shape of the iris, a lens out of focus, images that were filtered or compressed",) * 2,
-    "histogram": ("saturation, a black level, a gain that is not linear, or patterns added up in other shares",) * 2,
-    "third order": ("fields that are not Gaussian: few scatterers, a direct beam, a pattern of the camera's own",) * 2,
-    "envelope": ("another profile of the light across the frame: shading, a beam off the middle, stray light",) * 2,
+    "spectrum": ("another shape of the aperture, a lens out of focus, or filtered or compressed images",) * 2,
+    "histogram": ("saturation, a black level, a gain that is not linear, or a sum of patterns in other shares",) * 2,
+    "third order": ("fields that are not Gaussian: few scatterers, a direct beam, a fixed pattern of the camera",) * 2,
+    "envelope": ("another profile of the light across the frame: shading, a beam off centre, stray light",) * 2,
     "C_I": (
         "a shorter memory-effect range, larger steps between frames, or motion",
-        "a longer memory-effect range, smaller steps between frames, or a pattern that stays",
+        "a longer memory-effect range, smaller steps between frames, or a static pattern",
     ),
     "displacement": (
-        "patterns that move across the camera from frame to frame: a lens out of focus, another plane, a drift",
+        "a shift of the pattern from frame to frame: a lens out of focus, another plane, a drift",
     )
     * 2,
 }
@@ -234,7 +234,7 @@ def twin(
             for each in (light, synthetic)
         )
         toml, assumed, doubts = _written(setup, light.shape[1:]), list(seen.assumed), list(setup.doubts)
-        assumed.append("the noise grows with the light, as that of photons")
+        assumed.append("the noise grows with the light, like photon noise")
         shown = light[:1], synthetic
         count = len(light)
     else:
@@ -260,8 +260,8 @@ def twin(
 
 def _checked(drawn: PointSpeckle) -> PointSpeckle:
     if drawn.lit < 1 / MOST_PATTERNS:
-        reject(f"{_OWNER} photographs", f"of a contrast of {MOST_PATTERNS ** -0.5:.1g} at least", drawn.lit**0.5,
-               "Give the setup as a recipe with its bandwidth.")  # fmt: skip
+        reject(f"{_OWNER} photographs", f"of a contrast of at least {MOST_PATTERNS ** -0.5:.1g}", drawn.lit**0.5,
+               "Give a recipe of the setup with its bandwidth.")  # fmt: skip
     return drawn
 
 
@@ -309,7 +309,7 @@ def _observed(recipe: Recipe) -> tuple[str, int]:
 def _stacked(images: np.ndarray, frames: int, shape: tuple[int, int]) -> tuple[np.ndarray, list[str]]:
     """Frames as stacks float64[n, T, h, w], their middle of the recipe's size."""
     if len(images) % frames:
-        rule = f"whole stacks of {counted(frames, 'frame')}, as the recipe makes"
+        rule = f"whole stacks of {counted(frames, 'frame')}, as in the recipe"
         reject(f"{_OWNER} photographs", rule, counted(len(images), "frame"))
     height, width = images.shape[1:]
     if height < shape[0] or width < shape[1]:
@@ -385,7 +385,7 @@ def _written(setup: SetupFit, shape: tuple[int, int]) -> str:
     lines = ['inherits = "ground-glass"', 'name = "twin"', "", "[pixels]"]
     low, high = bounds["grain"]
     lines.append(f"grain = {setup.grain:.5g}  # 95 %: {low:.4g} to {high:.4g}")
-    lines.append("object_pixel = 1.0  # speckle of one point does not say it")
+    lines.append("object_pixel = 1.0  # speckle of one point does not determine it")
     lines += [f"shape = [{shape[0]}, {shape[1]}]", f'profile = "{setup.profile}"']
     low, high = bounds["contrast"]
     lines += ["", "[light]", f"polarised = {'true' if setup.contrast > 0.85 else 'false'}"

@@ -114,15 +114,15 @@ def unknowns_of(owner: str, known: Mapping[str, Any], free: Sequence[str], movin
                    "The optical depth is thickness over mean_free_path.")  # fmt: skip
     twice = [name for name in free if name in known or list(free).count(name) > 1]
     if twice or not free:
-        reject(f"{owner} free", "at least one name, none of them twice or known", tuple(free))
+        reject(f"{owner} free", "at least one name, each once and none of them known", tuple(free))
     given = {"albedo": 1.0} | {name: _known(owner, name, value) for name, value in known.items()}
     missing = [name for name in NAMES[:3] if name not in given and name not in free]
     if missing or (moving and "diffusion" not in (*given, *free)):
         missing = missing or ["diffusion"]
-        reject(f"{owner} known and free", "such that each number of the slab is in one of them",
-               tuple(known) + tuple(free), f"Say what {' and '.join(missing)} is, or name it in free.")  # fmt: skip
+        reject(f"{owner} known and free", "names of all numbers of the slab, each in one of the two",
+               tuple(known) + tuple(free), f"Add {' and '.join(missing)} to known or to free.")  # fmt: skip
     if "diffusion" in free and not moving:
-        reject(f"{owner} free", "without diffusion, where nothing was observed in time", tuple(free),
+        reject(f"{owner} free", "without diffusion, since no observation is a TemporalCurve", tuple(free),
                "Add a TemporalCurve.")  # fmt: skip
     return _assembled(owner, given, tuple(free))
 
@@ -180,5 +180,5 @@ def _assembled(owner: str, given: Mapping[str, float], free: tuple[str, ...]) ->
     }.items():
         if not matrix[column].any() and not first - 1e-9 <= base[column] <= last + 1e-9:
             reject(f"{owner} known {name}", f"within the lookup table, {np.exp(first):.3g} to {np.exp(last):.4g}",
-                   float(np.exp(base[column])), "Outside it nothing is tabulated (docs/atlas.md).")  # fmt: skip
+                   float(np.exp(base[column])), "The range of the table is on the page docs/atlas.md.")  # fmt: skip
     return Unknowns(free, base, matrix, np.array(low, np.float64), np.array(high, np.float64))

@@ -118,8 +118,8 @@ class Regression(NamedTuple):
 
     def markdown(self) -> str:
         """R^2 and the root mean square error of each number."""
-        lines = [f"{len(self.true)} stacks, {len(np.unique(self.media))} media; R^2 [95 % interval over stacks]. The "
-                 "mean of all media scores 0.", ""]  # fmt: skip
+        lines = [f"{len(self.true)} stacks, {len(np.unique(self.media))} media; R^2 [95 % interval over stacks]. A "
+                 "constant, the mean over all media, scores 0.", ""]  # fmt: skip
         first, bar = ("| method ", "|---") if self.beside else ("", "")
         lines += [f"{first}| number | R^2 | root mean square error |", f"{bar}{'|---' * 3}|"]
         for method, answer in self.methods.items():

@@ -167,9 +167,9 @@ def benchmark(
     beside = list(baselines)
     for name in beside:
         if name not in BASELINES or name in own:
-            reject("benchmark baselines", f"among {', '.join(BASELINES)}, and not a name of yours", name)
+            reject("benchmark baselines", f"one of {', '.join(BASELINES)}, and no name of your own functions", name)
     if not own and not beside:
-        reject("benchmark functions", "at least one, or a baseline", own)
+        reject("benchmark functions", "at least one function, or a baseline", own)
     fetched = [each for each in TASKS if each.fetched]
     there = [] if measured is None or frames.missing(measured) else fetched
     if measured is not None and not there:
@@ -178,8 +178,8 @@ def benchmark(
     chosen = [task(name) for name in tasks] if tasks is not None else complete_run() + there
     for each in chosen:
         if each in fetched and not there:
-            reject("benchmark tasks", "those whose files are there", each.name,
-                   f"`specklegen check measured get {frames.SET}` fetches them; name the folder by measured.",
+            reject("benchmark tasks", "tasks whose files are on this machine", each.name,
+                   f"`specklegen check measured get {frames.SET}` fetches them; pass the folder as measured.",
                    )  # fmt: skip
     names = [each.name for each in chosen]
     if not names or len(set(names)) < len(names):
@@ -200,7 +200,7 @@ def benchmark(
         methods = own | {each: _beside(each, of, recipe) for each in serving}
         check = partial(_checked, pages=pages.shapes(recipe) if of.kind == "pages" else {})
         if not methods:
-            reject("benchmark baselines", f"at least one that is of the task {name!r}", beside)
+            reject("benchmark baselines", f"at least one that serves the task {name!r}", beside)
         with ExitStack() as stack:
             asked = {}
             for each, function in methods.items():
@@ -245,7 +245,7 @@ def _asked(
             failures.append(Failure(task, name, first, len(batch["index"]), str(why)))
             answer = torch.zeros_like(blind["object"])
         if content_digest(arrays_of(batch), arrays_of(blind)) != before:
-            reject(f"benchmark function {name!r}", "one that leaves the images of others alone", f"changed in {task!r}")
+            reject(f"benchmark function {name!r}", "a function that does not change its input", f"changed in {task!r}")
         if "places" in blind:
             answer = pages.together(answer, blind)
         answers.append(answer.numpy())

@@ -49,7 +49,7 @@ class MapScores(NamedTuple):
     def markdown(self) -> str:
         """R^2 and the root mean square error of each exposure."""
         lines = [f"{len(self.mean)} stacks, {len(np.unique(self.media))} media; R^2 of the contrast of all pixels [95 "
-                 "% interval over stacks]. One number for all pixels of all media scores 0.", ""]  # fmt: skip
+                 "% interval over stacks]. A constant, the mean over all pixels, scores 0.", ""]  # fmt: skip
         lines += ["| method | exposure | R^2 | root mean square error |", "|---" * 4 + "|"]
         for method, errors in self.errors.items():
             roots = np.sqrt(errors.mean(0))

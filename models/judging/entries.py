@@ -101,14 +101,15 @@ class Entry(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.version > VERSION:
-            reject("Entry.version", f"at most {VERSION}, that of this build", self.version)
+            reject("Entry.version", f"at most {VERSION}, the version of this build", self.version)
         if self.version == VERSION:
             for name, each in self.tasks.items():
                 known = task(name)
                 if each.digest != known.fingerprint:
                     reject(f"Entry.tasks[{name!r}].digest", known.fingerprint[:12], each.digest[:12])
                 if not 2 <= each.images <= known.samples or each.unanswered > each.images:
-                    reject(f"Entry.tasks[{name!r}].images", f"2 to {known.samples}, and all that had no answer",
+                    reject(f"Entry.tasks[{name!r}].images",
+                           f"2 to {known.samples}, and at least the number without an answer",
                            (each.images, each.unanswered))  # fmt: skip
         return self
 
@@ -185,8 +186,8 @@ def table(entries: list[Entry]) -> str:
         told = [cell(one.name) + note, "yes" if one.memory_effect else "no", f"{mean:.3f} ({chance:.3f})", share]
         lines.append(f"| {' | '.join([*told, f'{decibels:.1f}', f'{structure:.3f}', *cells])} |")
     if any(not one.complete for one in entries):
-        lines += ["", "\\* not complete: the mean is over what was asked; a number in brackets behind a score says on "
-                      "how many of a task's images it is."]  # fmt: skip
+        lines += ["", "\\* not complete: the mean is over the tasks that were run; the number in brackets after a "
+                      "score is its number of images."]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 

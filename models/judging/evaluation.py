@@ -265,12 +265,12 @@ def evaluate(
     (2, True)
     """
     if not isinstance(methods, Mapping) or not methods or not all(map(callable, methods.values())):
-        reject("evaluate methods", "functions of batches by their names, at least one", methods)
+        reject("evaluate methods", "a table of at least one function of batches, by name", methods)
     choice("evaluate profile", profile, PROFILES)
     try:
         each = iter(batches)
     except TypeError:  # of arrays without dimensions too
-        reject("evaluate batches", "batches one after another", batches)
+        reject("evaluate batches", "an iterable of batches", batches)
     values: dict[str, dict[str, dict[str, list[Tensor]]]] = {
         method: {target: {score: [] for score in SCORES} for target in TARGETS} for method in methods
     }
@@ -281,7 +281,7 @@ def evaluate(
     for batch in each:
         if not isinstance(batch, Mapping) or "object" not in batch or not ("image" in batch or "frames" in batch):
             given = sorted(batch) if isinstance(batch, Mapping) else batch
-            reject("evaluate batch", 'one with "object", and "image" or "frames"', given)
+            reject("evaluate batch", 'a batch with "object", and "image" or "frames"', given)
         batch = copy_of(batch)
         nothing = torch.full((len(batch["object"]),), -1.0, dtype=torch.float64)
         for name, values_ in parameters.items():

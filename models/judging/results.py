@@ -70,7 +70,7 @@ class Results(Pictured):
     skipped: tuple[str, ...] = ()
 
     def _facts(self) -> Mapping[str, object]:
-        run = "complete" if self.complete else "not complete: not to be compared with one that is"
+        run = "complete" if self.complete else "not complete: do not compare it with complete runs"
         return {f"mean of {function}": self.score(function) for function in self.functions} | {"run": run}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
@@ -148,7 +148,7 @@ class Results(Pictured):
 
     def markdown(self) -> str:
         """Tables: a row for each task and a column for each function; all scores beside chance; families."""
-        part = "" if self.complete else " Not a complete run: not to be compared with one."
+        part = "" if self.complete else " Not a complete run: do not compare it with complete runs."
         lines = [
             f"Benchmark version {VERSION}, {self._images()}: Pearson correlation to the sharp "
             f"object [95 % interval over media and characters].{part}", "",
@@ -160,7 +160,7 @@ class Results(Pictured):
         lines.append(f"| **mean** | {means} |")
         lines += self._beside_chance() + self._families() + self._left_out()
         if self.failures:
-            lines += ["", "No answer, which counts as an image of nothing:", ""]
+            lines += ["", "No answer (scored as a dark image):", ""]
             lines += [f"- {each}" for each in self.failures]
         return "\n".join(lines) + "\n"
 
@@ -214,7 +214,7 @@ class Results(Pictured):
             return []
         names = ", ".join(self.skipped)
         return ["", f"Skipped, since their files were not named: {names}. `specklegen check measured get "
-                    "hidden-shapes` fetches them, and `--measured hidden-shapes` says where they are."]  # fmt: skip
+                    "hidden-shapes` fetches them; then give the folder: `--measured hidden-shapes`."]  # fmt: skip
 
     def write(self, folder: Path) -> None:
         """Write results.md, results.csv, answers.npz, and an entry of each function.

@@ -119,8 +119,8 @@ class Task(NamedTuple):
         recipe = self.recipe()
         if self.kind == "frames":
             if measured is None or frames.missing(measured):
-                reject(f"benchmark task {self.name!r}", "asked where its files are", str(measured),
-                       f"`specklegen check measured get {frames.SET}` fetches them; say where by --measured.",
+                reject(f"benchmark task {self.name!r}", "run with its files", str(measured),
+                       f"`specklegen check measured get {frames.SET}` fetches them; give the folder by --measured.",
                        )  # fmt: skip
             yield frames.batch(numbers, measured, _setup(self.base, json.dumps(self.changes)))
         elif self.kind == "waves":
@@ -152,7 +152,7 @@ def _noisy(photons: float) -> dict[str, Any]:
 
 TASKS = (
     Task(
-        "unseen media", "slabs of drawn material that nobody has seen; characters as in training, in other fonts",
+        "unseen media", "unseen slabs of drawn material; characters of the training set in other fonts",
         "unknown-slab", {"objects": {"disjoint": "font"}},
         "ee49f0a69d31bcdf71095e74b336884519ae91aa7917240d9f84a7983b02c073",
     ),
@@ -167,12 +167,12 @@ TASKS = (
         "1bfed593fbe1f976ea99202eb0d1c6921456441eae32cad5d851c86d510db610",
     ),
     Task(
-        "thin", "held-out characters behind two ground glasses some way apart",
+        "thin", "held-out characters behind two separate ground glasses",
         "double-diffuser", _UNSEEN,
         "80f6612bc5ea631789578cfbcce3accc2319979f89bc1a7bda2d0cc2a45f72f0",
     ),
     Task(
-        "index step", "a slab of refractive index 1.4 in air: its faces reflect light back into it",
+        "index step", "a slab of refractive index 1.4 in air, with reflection at its faces",
         "through-slab", _UNSEEN | {"material": {"faces": {"inside": 1.4, "outside": 1.0}, "kernel_paths": 30_000}},
         "9b8bf31628a2fc1ce30ec7d07043aca49840169ebf5b4c4a75568aff984b2d83",
     ),
@@ -189,24 +189,25 @@ TASKS = (
         "43e625eb9f43e0d6ac71a28fdf1d808d34dafb4a3f778a154b6bbba2ed1394e8",
     ),
     Task(
-        "in motion", "films of eight frames while the slab's field decorrelates in two to twenty",
+        "in motion", "films of eight frames; the field decorrelates within two to twenty frames",
         "dynamic-slab", _UNSEEN,
         "4cc0668e9cc4a6d92cf9e1104efdb97f451fe96c1ea15b48dd9e6b18fb8cdb21",
     ),
     Task(
-        "Brownian", "films of eight frames of particles in Brownian motion: g1 falls to 1/e in two to twenty",
+        "Brownian",
+        "films of eight frames of particles in Brownian motion: g1 falls to 1/e within two to twenty frames",
         "brownian-slab", _UNSEEN,
         "fef3518181d41d9cfa0c2e0cd142a3a9f397e85566b2199482a87d2c9cca79e9",
     ),
     Task(
-        "waves", "drawn by none of the package's samplers: waves from slice to slice through slabs; objects of .25 to "
-        "3 memory-effect ranges, two behind each slab",
+        "waves", "images of an independent multi-slice wave solver; objects of 0.25 to 3 memory-effect ranges, two "
+        "behind each slab",
         "through-slab", waves.CHANGES,
         "06ca7c3bedd8aaa3014acd7a5c4ec0323dde166cbe1c0c9c6200c600ca8ab4e1",
         waves.SAMPLES, ("Glyphs", "Polygons"), "waves",
     ),
     Task(
-        "several objects", "four objects one after the other through each medium at rest, and which are of one is told",
+        "several objects", "four objects in sequence through each medium at rest; the grouping is given",
         "unknown-slab", _SEVERAL,
         "a0a8c8df3c1a352806938e0b679b55008c709c00c415101387b7f6f0695ce50f",
     ),
@@ -222,8 +223,8 @@ TASKS = (
         "b06d6dd5da696172b33d898520e347f9981a4bc424ba69b6e06a27b404158448", pages.SAMPLES, kind="pages",
     ),
     Task(
-        "measured frames", "eight shapes behind four ground glasses, as a camera of another laboratory took them; "
-        "fetched by `specklegen check measured get hidden-shapes`, no part of the mean",
+        "measured frames", "eight shapes behind four ground glasses, measured by another laboratory; "
+        "fetched by `specklegen check measured get hidden-shapes`, not in the mean",
         "ground-glass", frames.CHANGES,
         "a0030391d3bbfad4eec990d9052bbec3110344eebe2455c5c74cee910ec6f8ae", frames.SAMPLES, kind="frames",
     ),

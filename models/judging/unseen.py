@@ -49,7 +49,7 @@ def unseen(objects: ObjectFamily, seed: int, split: Split, samples: int, seen: s
     if len(chosen) == samples:
         return chosen
     warn_user(
-        "the networks were trained on the characters that they are judged on, in other fonts: hold characters out "
-        '(objects.disjoint = "character") to judge on what none has seen',
+        "the networks were trained on the test characters, in other fonts. For unseen characters, hold some out: "
+        'objects.disjoint = "character"',
     )  # fmt: skip
     return list(range(samples))

@@ -98,7 +98,7 @@ def classes_by_law(images: Tensor, recipe: HiddenObject, *, samples: int = SAMPL
     drawn = recipe.batch(seed, "train", (0, recipe.samples.train // 2, recipe.samples.train - 1))["parameters"]
     settings = {name: np.unique(drawn[name]) for name in ("wavelength", "width", "camera_pitch", "object_pitch")}
     if any(len(values) > 1 for values in settings.values()):
-        reject("classes_by_law recipe", "one whose objects have one pitch and whose images have one window",
+        reject("classes_by_law recipe", "a recipe of one object pitch and one illuminated area",
                {name: values.tolist() for name, values in settings.items() if len(values) > 1})  # fmt: skip
     wavelength, width, camera, pitch = (float(values[0]) for values in settings.values())
     grain = wavelength / width / camera
@@ -108,8 +108,8 @@ def classes_by_law(images: Tensor, recipe: HiddenObject, *, samples: int = SAMPL
     law = SpeckleLikelihood(seen, recipe.objects.shape, one)
     power = law.power[:, law.used[0]]
     if seen.noise.max() - seen.noise.min() > _NOISES * power.median(1).values.min():
-        reject("classes_by_law images", "of one noise", (float(seen.noise.min()), float(seen.noise.max())),
-               "Give images of different brightness apart.")  # fmt: skip
+        reject("classes_by_law images", "images of equal noise", (float(seen.noise.min()), float(seen.noise.max())),
+               "Call it once for each brightness.")  # fmt: skip
     materials = (recipe.material.realized(np.random.default_rng([seed, 46, n]), "train") for n in range(MATERIALS))
     shape = recipe.objects.shape
     table = [memory_effect_between(each.correlation, wavelength, pitch, shape).float() for each in materials]
@@ -126,7 +126,7 @@ def _pooled(
     sources = [family.source(seed, "train", n) for n in range(samples)]
     labels = np.array([family.labels(source).get("label", -1.0) for source in sources])
     if (labels < 0).any():
-        reject("classes_by_law recipe.objects", "of classes, each with a label", family.type)
+        reject("classes_by_law recipe.objects", "a family with labelled classes", family.type)
     classes, which = np.unique(labels, return_inverse=True)
     places = torch.from_numpy(which)
     best = torch.full((len(power), len(classes)), -1e30)

@@ -31,7 +31,7 @@ def shared_contrast(batch: Mapping[str, Any], camera: Stated = "none") -> Tensor
         What states the noise of a pixel, which is taken off K^2, where grains are too small to read it off the image.
     """
     if "stack" not in batch:
-        reject("batch", 'one with "stack"', sorted(batch), "Such as those of lsci-slab.")
+        reject("batch", 'a batch with "stack"', sorted(batch), "Use a recipe such as lsci-slab.")
     stack, drawn = batch["stack"].double(), batch["parameters"]
     flat = (stack / stack.mean((-2, -1), keepdim=True) - 1).flatten(2)
     matrix = flat @ flat.mT / (flat.shape[-1] - 1)

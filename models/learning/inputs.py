@@ -198,7 +198,7 @@ def registered_input(batch: Mapping[str, Any]) -> Tensor:
     """
     for name in ("stack", "tilts"):
         if name not in batch:
-            reject("batch", 'one with "stack" and "tilts"', sorted(batch), "Such as those of registered-tilts.")
+            reject("batch", 'a batch with "stack" and "tilts"', sorted(batch), "Use a recipe such as registered-tilts.")
     stack, sines = batch["stack"].float(), torch.sin(batch["tilts"])
     moved = ((sines - sines[:, :1]) / batch["parameters"]["camera_pitch"][:, None, None]).round().long()
     count = stack.shape[1]
@@ -280,8 +280,8 @@ def periodogram_input(batch: Mapping[str, Any]) -> Tensor:
     """
     drawn = batch["parameters"]
     if "lags" not in batch and ("image" not in batch or not {*_OPTICS, "object_pitch"} <= drawn.keys()):
-        reject("batch", 'one with "image" of a hidden object, or "lags"', sorted(batch),
-               "Such as those of unknown-slab.")  # fmt: skip
+        reject("batch", 'a batch with "image" of a hidden object, or "lags"', sorted(batch),
+               "Use a recipe such as unknown-slab.")  # fmt: skip
     step = steps_of(batch)
     if "lags" in batch:
         return _with_scale(batch["lags"], step.float())
@@ -330,7 +330,7 @@ def network_input(batch: Mapping[str, Any], kind: str) -> Tensor:
         reject("input", f"one of {', '.join([*INPUTS, *FEATURES])}", kind)
     name = next((name for name in ("image", "stack", "frames") if name in batch), None)
     if name is None or "object" not in batch:
-        reject("batch", 'one with "object", and "image", "stack" or "frames"', sorted(batch))
+        reject("batch", 'a batch with "object", and "image", "stack" or "frames"', sorted(batch))
     images = batch[name].float()
     step = steps_of(batch).to(images)
     frames = 1 if images.ndim == 3 else images.shape[1]

@@ -40,19 +40,20 @@ from specklegen.scene.window import Profile, Window
 
 _RULES: tuple[tuple[str, str, Callable[[Any], Any], Any, str], ...] = (
     ("recipe", 'of kind "hidden-object", one image of an object', lambda r: getattr(r, "kind", type(r).__name__),
-     "hidden-object", "Stacks of few tilts are as cheap to render as to draw."),
-    ("recipe", "of a kind of the package's own", type, HiddenObject, "Of a class of your own no law is known."),
-    ("recipe.light.bandwidth", "0: of light of one wavelength",
-     lambda r: r.light.bandwidth or (0.0 if r.lab is None else r.lab.bandwidth), 0.0, "Render the others."),
+     "hidden-object", "Render other kinds: this saves no time there."),
+    ("recipe", "of a kind of the package's own", type, HiddenObject, "Render recipes of your own classes."),
+    ("recipe.light.bandwidth", "0, for light of one wavelength",
+     lambda r: r.light.bandwidth or (0.0 if r.lab is None else r.lab.bandwidth), 0.0,
+     "Render recipes with a bandwidth."),
     ("recipe.window.profile", "square or disc",
      lambda r: "square or disc" if Window(r.profile, 1.0).sharp else r.profile, "square or disc",
-     "Render images behind Gaussian windows: the law of these inputs has not been held against them."),
-    ("recipe.exposure", "left out: of images without noise", lambda r: r.exposure, None,
-     "A network takes noise off its input, so that it may be trained without."),
-    ("recipe.bench", "left out", lambda r: r.bench, None, "Render samples of differing benches."),
-    ("recipe.sampler", "one by which all media are stationary",
+     "Render recipes with a Gaussian window: this method was not tested for them."),
+    ("recipe.exposure", "left out, for images without noise", lambda r: r.exposure, None,
+     "The network's input has the noise subtracted, so train without noise."),
+    ("recipe.bench", "left out", lambda r: r.bench, None, "Render recipes with a table bench."),
+    ("recipe.sampler", "stationary for all media",
      lambda r: "chosen for each medium" if r.rendering is None else r.rendering.name, "stationary",
-     "Path sums and thin screens are rendered."),
+     "Render path sums and thin screens."),
 )  # fmt: skip
 """Field, rule, what a recipe has, what it must have, remedy; in the order in which they are asked."""
 

@@ -23,7 +23,8 @@ BLOCK = 4
 def require_maps(batch: Mapping[str, Any]) -> None:
     """Refuse batches without stacks and maps of square cameras whose side is a number of blocks."""
     if "stack" not in batch or "target" not in batch or batch["target"].shape != batch["stack"].shape:
-        reject("batch", 'one with "stack" and, of its shape, "target"', sorted(batch), "Such as those of flow-vessel.")
+        reject("batch", 'a batch with "stack" and, of its shape, "target"', sorted(batch),
+               "Use a recipe such as flow-vessel.")
     rows, columns = batch["stack"].shape[-2:]
     if rows != columns or rows % BLOCK:
         reject("batch stack", f"of a square camera whose side is a multiple of {BLOCK}", (rows, columns))

@@ -41,7 +41,7 @@ def measured(
     """Measured values of the samples of a batch, the memory effect of their materials known; taper as above."""
     name = next((name for name in ("image", "frames") if name in batch), None)
     if name is None:
-        reject("measured batch", 'one with "image" or "frames"', sorted(batch))
+        reject("measured batch", 'a batch with "image" or "frames"', sorted(batch))
     images = torch.as_tensor(np.asarray(on_host(batch[name]), np.float32))
     images = images[:, None] if images.ndim == 3 else images
     drawn = {key: np.asarray(on_host(value), np.float64) for key, value in batch["parameters"].items()}

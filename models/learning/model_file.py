@@ -60,7 +60,7 @@ def read_model(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     Raise a `RuleError` if there is no such file, it is something else, or one of its bits is not as it was written.
     """
     if not path.is_file():
-        reject("model", "a file", str(path))
+        reject("model", "an existing file", str(path), "Check the path.")
     size = path.stat().st_size
     if size > LARGEST_MODEL:
         reject("model", f"a file of at most {LARGEST_MODEL // 2**20} MiB", str(path))
@@ -68,7 +68,7 @@ def read_model(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     length = int.from_bytes(content[:8], "little")
     digest = _DIGEST.search(content, 8, 8 + min(length, LARGEST_HEADER))
     if size < 8 or length > min(LARGEST_HEADER, size - 8) or digest is None:
-        reject("model", "a file that Reconstructor.save wrote", str(path))
+        reject("model", "a file written by Reconstructor.save", str(path))
     blank = content[: digest.start(1)] + _ZEROS + content[digest.end(1) :]
     if hashlib.sha256(blank).hexdigest().encode() != digest[1]:
         reject("model", "as it was written", str(path), "Its SHA-256 does not match: the file is damaged.")
@@ -79,13 +79,13 @@ def read_model(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     except RuleError:
         raise
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        reject("model", "a file that Reconstructor.save wrote", str(path))
+        reject("model", "a file written by Reconstructor.save", str(path))
 
 
 def _tensor(entry: Mapping[str, Any], data: bytes) -> Tensor:
     dtype, shape, (start, stop) = _KINDS[entry["dtype"]], tuple(entry["shape"]), entry["data_offsets"]
     if not 0 <= start <= stop <= len(data) or prod(shape) * dtype.itemsize != stop - start:
-        raise ValueError("a tensor that does not lie in the file")
+        raise ValueError("a tensor outside the file")
     return torch.from_numpy(np.frombuffer(data[start:stop], dtype).reshape(shape).copy())
 
 
@@ -110,7 +110,8 @@ def restored(kept: Mapping[str, Tensor]) -> dict[str, Tensor]:
     weights = {key: _restored(key, kept) for key in kept if not key.endswith(_SCALE)}
     for key, weight in weights.items():
         if not weight.isfinite().all():
-            reject("model", "a file of finite weights", key, "Its training diverged, or somebody else made it.")
+            reject("model", "a file of finite weights", key,
+                   "Its training diverged, or another program wrote it. Train again, or use another file.")
     return weights
 
 

@@ -97,7 +97,7 @@ def read_prior(path: Path) -> Flow:
         net = Flow(*(int(stated[name]) for name in ("frame", "width", "inner")))
         net.load_state_dict({name: value.float() for name, value in kept.items()})
     except (KeyError, TypeError, ValueError, RuntimeError):
-        reject("prior", "a file that train_prior.py wrote", str(path))
+        reject("prior", "a file written by train_prior.py", str(path))
     return net.eval().requires_grad_(False)
 
 

@@ -82,7 +82,7 @@ class Reconstructor:
             If the batch has no images of hidden objects, or images of another size than in training.
         """
         if self.target != "object":
-            reject("reconstruct model", "one that shows objects", f"one that tells the {self.target}", "Use `tell`.")
+            reject("reconstruct model", "a model of objects", f"a model of the target {self.target}", "Use `tell`.")
         inputs = network_input(batch, self.input)
         if inputs.shape[-1] != self.side or inputs.shape[-2] != self.side:
             reject("reconstruct images", f"of {self.side} x {self.side} pixels", tuple(inputs.shape[-2:]))
@@ -103,10 +103,10 @@ class Reconstructor:
             If it shows objects, or the batch is not of its kind.
         """
         if self.target == "object":
-            reject("tell model", "one that tells something else", "one that shows objects", "Use `reconstruct`.")
+            reject("tell model", "a model of another target than objects", "a model of objects", "Use `reconstruct`.")
         inputs = network_input(batch, self.input)
         if inputs.shape[-1] != self.side:
-            reject("tell batch", f"as in training, {self.side} numbers along the last axis", tuple(inputs.shape))
+            reject("tell batch", f"of {self.side} numbers along the last axis, as in training", tuple(inputs.shape))
         return TARGETS[self.target].read(self(inputs))
 
     def save(self, path: str | os.PathLike, compact: bool = False) -> None:
@@ -174,7 +174,7 @@ def _network_of(stated: Mapping[str, Any], weights: Mapping[str, Tensor], path: 
     except (KeyError, TypeError, ValueError, RuntimeError):
         fits = known = False
     if not (fits and known):
-        reject("model", "a file whose weights are those of the network that it states", path)
+        reject("model", "a file with weights of the network that it names", path)
     network = build(*kind, seed=0)
     network.load_state_dict(dict(weights))
     return network
@@ -184,10 +184,11 @@ def _require_known(name: str, digest: object) -> None:
     """Refuse a network that is not known here, or whose source has changed since the model was trained."""
     if name not in NETWORKS:
         reject("model network", f"one of {', '.join(NETWORKS)}", name,
-               "One of your own is known once its module is imported, or by --network module:Name.")  # fmt: skip
+               "For your own network, import its module first, or give --network module:Name.")  # fmt: skip
     here = network_content(name).get("network_sha256")
     if digest != here:
-        reject("model network", f"{name} of the source {here}", digest, "It has changed since: restore it.")
+        reject("model network", f"{name} with source {here}", digest,
+               "The source has changed since training: restore it.")
 
 
 def centred(images: Tensor) -> Tensor:

@@ -194,8 +194,8 @@ class Run:
         """Take up the run of the folder."""
         state = torch.load(self.folder / "checkpoint.pt", map_location=self.device, weights_only=True)
         if "record" not in state:
-            reject("train.folder", "that of a run that says what it was made with", str(self.folder),
-                   "This one is of an older version. Choose another folder.")  # fmt: skip
+            reject("train.folder", "the folder of a run with a record", str(self.folder),
+                   "This run is of an older version. Choose another folder.")  # fmt: skip
         require_same_run(self.folder, json.loads(state["record"]), self.record)
         self.network.load_state_dict(state["network"])
         self.optimiser.load_state_dict(state["optimiser"])

@@ -24,7 +24,7 @@ from specklegen.models.learning.examples import Examples
 from specklegen.models.learning.networks import network_content
 from specklegen.models.learning.reconstructor import Reconstructor
 
-_ALONE = "a folder that no other process trains in"
+_ALONE = "a folder of no other running training"
 
 
 def digest_of(examples: Examples) -> str:
@@ -68,7 +68,7 @@ def record(
     held_out = {"sha256": digest_of(validation)}
     shown = {"sha256": digest_of(data)} if isinstance(data, Examples) else dict(getattr(data, "identity", {}))
     if shown.get("sha256") == held_out["sha256"]:
-        reject("train validation", "examples that the network is not trained on", "the training examples")
+        reject("train validation", "other examples than the training data", "the training examples")
     facts = about or {}
     begins = {} if start is None else {
         "start": {"sha256": digest_of_weights(start.network), "trained_on": start.trained_on}
@@ -94,8 +94,9 @@ def require_same_run(folder: Path, there: Mapping[str, Any], here: Mapping[str, 
     fields = differences(allowed, here)
     if fields:
         reject(
-            "train.folder", "that of a run with these settings and data", str(folder),
-            f"It differs in {'; '.join(fields)}. Choose another folder, or agree; more epochs may be asked for.",
+            "train.folder", "a new folder, or that of a run with the same settings and data", str(folder),
+            f"It differs in {'; '.join(fields)}. Choose another folder, or use these settings (more epochs "
+            "are allowed).",
         )  # fmt: skip
 
 
@@ -109,7 +110,7 @@ def alone(folder: Path) -> Iterator[Callable[[], None]]:
     folder.mkdir(parents=True, exist_ok=True)
     with claim(folder / "lock", 0) as state:
         if state == "busy":
-            reject("train.folder", _ALONE, str(folder), "Choose another, or wait.")
+            reject("train.folder", _ALONE, str(folder), "Choose another folder, or wait.")
         owner, mine = folder / "owner", uuid.uuid4().hex.encode()
         write_whole(owner, mine)
 
@@ -118,8 +119,8 @@ def alone(folder: Path) -> Iterator[Callable[[], None]]:
                 if patiently(owner.read_bytes) == mine:
                     return
             reject("train.folder", _ALONE, str(folder),
-                   "Another one has begun there since, and goes on from the last checkpoint; this one wrote nothing "
-                   "after it. The folder's locks exclude nobody: train in one of this machine's.")  # fmt: skip
+                   "Another process trains there now, from the last checkpoint; this one wrote nothing after it. File "
+                   "locks do not work in this folder: train in a folder on a local disk.")  # fmt: skip
 
         yield require_own
 
@@ -137,7 +138,7 @@ def require_held_out(data: SpeckleCache, validation: SpeckleCache) -> None:
     trained, held_out = data.identity["split"], validation.identity["split"]
     if held_out == "train" or held_out == trained:
         reject(
-            "train --validation", "a store of another split than the training data, and not of the split train",
+            "train --validation", "a store of another split than the training data, and not of split train",
             f"{validation.folder}, of the split {held_out}",
-            "Its media and objects are those that the network learns from. Generate one with --split validation.",
+            "Its media and objects are in the training data. Generate a store with --split validation.",
         )  # fmt: skip

@@ -86,7 +86,7 @@ class Training(Value):
                 reject(f"Training.{field}", f"one of {names} for the network {self.network!r}", value,
                        f"Networks for this {field}: {', '.join(able) or 'none'}.")  # fmt: skip
         if self.target != "object" and self.mirror:
-            reject("Training.mirror", "false where the target is no object", self.mirror)
+            reject("Training.mirror", "false, since the target is no image of an object", self.mirror)
         if self.target == "object":
             loss_named(self.loss)  # refused before anything is rendered
         return self

@@ -297,7 +297,7 @@ class Solver:
         except (KeyError, TypeError, ValueError, RuntimeError):
             fits = False
         if not fits or certificate is None:
-            reject("model", "a file that Solver.save wrote", str(path))
+            reject("model", "a file written by Solver.save", str(path))
         network, ranges = Unrolled(*numbers), RangeNet(*own)
         for prefix, net in ((_NETWORK, network), (_RANGES, ranges)):
             net.load_state_dict({key[len(prefix) :]: w for key, w in weights.items() if key.startswith(prefix)})
@@ -432,10 +432,11 @@ def silenced(evidence: Tensor, taper: Tensor | float) -> list[str]:
     for n, share in enumerate(shares_of(taper, len(evidence))):
         patch = filled[n] > PATCH[0] and blur[n] < PATCH[1]
         reasons.append(
-            f"the light falls off, and a taper covers {share:.2g} of each side: calibration covers even light alone"
+            f"the illumination is uneven, and a taper covers {share:.2g} of each side: calibration covers even "
+            "illumination"
             if share else
-            f"the object fills {filled[n]:.2f} of the frame with hardly an edge (blur {blur[n]:.2f}): missing fine "
-            "detail would not be noticed" if patch else ""
+            f"the object fills {filled[n]:.2f} of the frame and has hardly an edge (blur {blur[n]:.2f}): missing fine "
+            "detail would not be detected" if patch else ""
         )  # fmt: skip
     return reasons
 

@@ -73,7 +73,7 @@ class Target(NamedTuple):
 def objects_of(batch: Mapping[str, Any]) -> Tensor:
     """Objects float32[B, h, w]."""
     if "object" not in batch:
-        reject("batch", 'one with "object"', sorted(batch))
+        reject("batch", 'a batch with "object"', sorted(batch))
     return batch["object"].float()
 
 
@@ -81,7 +81,7 @@ def labels_of(batch: Mapping[str, Any]) -> Tensor:
     """Labels as rows of zeros and a one, float32[B, 1, CLASSES]."""
     drawn = batch["parameters"]
     if "label" not in drawn or not ((drawn["label"] >= 0) & (drawn["label"] < CLASSES)).all():
-        reject("batch label", f"a class from 0 to {CLASSES - 1}", drawn.get("label"), "Hide objects that have labels.")
+        reject("batch label", f"a class from 0 to {CLASSES - 1}", drawn.get("label"), "Use objects with labels.")
     return functional.one_hot(drawn["label"].long(), CLASSES)[:, None].float()
 
 
@@ -90,8 +90,9 @@ def numbers_of(batch: Mapping[str, Any], names: Mapping[str, Scale]) -> Tensor:
     drawn = batch["parameters"]
     for name in names:
         if name not in drawn or not drawn[name].isfinite().all():
-            reject(f"batch {name}", "a finite number of every medium", drawn.get(name),
-                   "Thin screens have no optical depth, a single one no range, media at rest no tau0: ask for another "
+            reject(f"batch {name}", "a finite number for every medium", drawn.get(name),
+                   "Thin screens have no optical depth, a single screen no range, media at rest no tau0: "
+                   "choose another "
                    "target.")  # fmt: skip
     numbers = torch.stack(
         [drawn[name].log10() if scale.logarithm else drawn[name] for name, scale in names.items()], -1

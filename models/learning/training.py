@@ -138,7 +138,7 @@ def train(
         data = shuffled(data, training), math.ceil(len(data.targets) / training.batch_size)
     batches, length = data
     if not length or not len(validation.targets):
-        reject("train examples", "at least one, and one for validation", (length, len(validation.targets)))
+        reject("train examples", "at least one for training, and one for validation", (length, len(validation.targets)))
     with alone(Path(folder)) as require_own, deferred() as interrupt:
         run = Run(training, validation, Path(folder), device, here, begun, require_own, start)
         return _trained(run, batches, length, interrupt, seconds, save_every, stop_after, progress, steps, reserve)

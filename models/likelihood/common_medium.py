@@ -67,7 +67,7 @@ class Joint(Pictured):
     upright: float
     turned: float
 
-    _named = {"objects": "image", "turned from what was given": "flipped", "fit this way up": "upright",
+    _named = {"objects": "image", "turned by 180 degrees": "flipped", "fit this way up": "upright",
               "fit the other way up": "turned"}  # fmt: skip
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
@@ -110,9 +110,9 @@ def joint_objects(images: Tensor, objects: Tensor, optics: Optics) -> Joint:
         reject("joint_objects images, objects", "[N, H, W] and [N, h, w], N at least 2",
                (tuple(images.shape), tuple(objects.shape)))  # fmt: skip
     if not (images.isfinite().all() and objects.isfinite().all()) or (objects < 0).any():
-        reject("joint_objects images, objects", "finite, and objects at least 0", "values that are not")
+        reject("joint_objects images, objects", "finite, and objects at least 0", "other values")
     if not (images.double().mean((-2, -1)) > 0).all() or not (objects.double().sum((-2, -1)) > 0).all():
-        reject("joint_objects images, objects", "brighter than 0 in the mean", "one that is dark")
+        reject("joint_objects images, objects", "above 0 in the mean", "a dark image")
     step, grain = same_optics("joint_objects", optics, len(images))
     seen = _Seen(images.double(), objects.double(), step, grain, optics)
     ways = [seen.placed(turned) for turned in (False, True)]
@@ -167,7 +167,7 @@ class _Seen:
         self.used = passed > _PASSED
         self.used[0, 0] = False
         if not self.used.any() or not float(light.square().mean()) > 1e-20:
-            reject("joint_objects images", "of some contrast, on a camera of several grains", tuple(images.shape))
+            reject("joint_objects images", "images with contrast, several speckle grains wide", tuple(images.shape))
         self.spectrum, self.passed = torch.where(self.used, spectrum, 0), passed
         self.twice = torch.where(across > 0, 2.0, 1.0)  # columns of either sign of the frequency
         self.objects = torch.nn.functional.pad(objects, (MARGIN,) * 4).flip((-2, -1))

@@ -183,7 +183,7 @@ class SpeckleLikelihood(nn.Module):
         used = _used(down, across, grain.double().cpu(), optics.profile, torch.tensor(lowest, dtype=torch.float64))
         used &= (columns > 0) | (rows > 0)[:, None]  # of two opposite frequencies one, and not f = 0
         if not used.flatten(1).any(1).all():
-            reject("SpeckleLikelihood seen", "with a frequency inside the window's band", seen.shape,
+            reject("SpeckleLikelihood seen", "large enough for a frequency inside the band of the aperture", seen.shape,
                    "Use a larger camera or tile, or a narrower envelope.")  # fmt: skip
         matrices = transforms(
             down.numpy(), across.numpy(), seen.shape, self.shape, step, grain, optics.profile, optics.pixel_integration,

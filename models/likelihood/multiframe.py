@@ -172,7 +172,7 @@ class _Law:
         used = (passed > PASSED) & (frequency * grain <= STAGES[-1][1]) & (frequency >= max(lowest, 1e-9))
         used[flat.shape[-2] // 2 + 1 :, 0] = False  # of two opposite frequencies one
         if int(used.sum()) < _FEW or not float(flat.square().mean((-2, -1)).min()) > 1e-20:
-            reject("multiframe_deconvolution images", "of some contrast, on a camera of several grains",
+            reject("multiframe_deconvolution images", "images with contrast, several speckle grains wide",
                    tuple(flat.shape))  # fmt: skip
         self.used, self.passed, self.frequency = used, passed, frequency * grain
         self.spectrum, self.down, self.across, self.size = spectrum, down * grain, across * grain, size

@@ -120,7 +120,7 @@ def periodogram(
     if not electrons > 0 or not read_noise >= 0:
         reject("periodogram electrons, read_noise", "above 0, and at least 0", (electrons, read_noise))
     if read_noise and electrons == float("inf"):
-        reject("periodogram electrons", "given where a read noise is", electrons)
+        reject("periodogram electrons", "given, since read_noise is", electrons)
     counted = images if images.dtype == torch.float64 else images.float()
     flat, slow, lowest = flattened(counted, background, sigma, "periodogram")
     noise = ((counted / electrons + (read_noise / electrons) ** 2) / slow.square()).mean((-3, -2, -1))
@@ -138,7 +138,7 @@ def flattened(images: Tensor, background: float, sigma: float | None, owner: str
     light = images - background
     mean = light.mean((-2, -1), keepdim=True)
     if not (mean > 0).all():
-        reject(f"{owner} images", "brighter than their background in the mean", float(mean.min()))
+        reject(f"{owner} images", "brighter in the mean than their background", float(mean.min()))
     slow = mean if sigma is None else envelope(light, sigma)
     flat = light / slow
     # A Gaussian mean over sigma leaves the share exp(-2 (pi sigma f)^2) of an amplitude in the envelope.

@@ -108,9 +108,9 @@ def third_moments(images: Tensor, objects: Tensor, optics: Optics, noise: Tensor
     if images.ndim != 4 or objects.ndim != 3 or len(images) != len(objects) or not images.numel():
         reject("turn_of images, objects", "[B, F, H, W] and [B, h, w]", (tuple(images.shape), tuple(objects.shape)))
     if not (images.isfinite().all() and objects.isfinite().all()):
-        reject("turn_of images, objects", "finite", "values that are not")
+        reject("turn_of images, objects", "finite", "other values")
     if not (images.double().mean((-2, -1)) > 0).all() or not (objects.double().sum((-2, -1)) > 0).all():
-        reject("turn_of images, objects", "brighter than 0 in the mean", "one that is dark")
+        reject("turn_of images, objects", "above 0 in the mean", "a dark image")
     if (objects < 0).any():
         reject("turn_of objects", "at least 0", float(objects.min()))
     steps, grains = (
@@ -150,7 +150,7 @@ def _moments(
     if window.sharp:
         inside &= torch.maximum(rows.abs()[:, None], columns) < BAND / grain
     if int(inside.sum()) < _FEWEST or not float(light.square().mean()) > _FLAT:
-        reject("turn_of images", "of some contrast, on a camera of several grains", tuple(frames.shape))
+        reject("turn_of images", "images with contrast, several speckle grains wide", tuple(frames.shape))
     alone = seen.abs().square() * passed
     edge = [torch.from_numpy(np.sqrt(edge_taper(n, _TAPERED))) for n in sides]
     pairs, excesses = [], []

@@ -60,15 +60,15 @@ _OWN = 0.01
 _NO_SPECKLE = "no speckle of this setup"
 _UNLIKE = "No confidence"
 _TRY_OTHER = "compare the deviances, look at several draws, or test a known object in the same setup"
-_TAKE_OFF = "take off background and envelope; check window, slab, object pitch, polarisation, bandwidth of the setup"
+_TAKE_OFF = "remove background and envelope; check illuminated area, slab, object pitch, polarisation, bandwidth"
 _TURN_SLOPE = 0.6
 """Logarithm of the odds that a spread of third order is worth, of the solver's images; see docs/notes/likelihood.md."""
 _WITHIN = 0.5
 """Memory effect across an object, from which on its turn is told at all."""
 _LIT = 0.2  # of the brightest pixel: what counts as the object
 _MISFIT = Reason(
-    "the setup is not what it is said to be", "no object that was found explains the image",
-    "check window width, pixel pitch, object pitch, camera noise, and the envelope of the light",
+    "the setup differs from its description", "no reconstructed object explains the image",
+    "check illuminated area, pixel pitch, object pitch, camera noise, and the envelope of the light",
 )  # fmt: skip
 
 
@@ -100,12 +100,12 @@ class Setup(NamedTuple):
 def setup_of(recipe: HiddenObject) -> Setup:
     """Setup that a recipe describes."""
     if recipe.fits_window:
-        reject("setup window.width", "a length", "fitted", "State the width of the window of your setup.")
+        reject("setup window.width", "a length", "fitted", "Give the width of the illuminated area of your setup.")
     field = recipe.field
     known = not recipe.material.varies
     if field is not None and field.pitch is None and not known:
-        reject("setup field", "given by its pitch where the slab is not known", field.model_dump(),
-               "State the direction sine between object pixels.")  # fmt: skip
+        reject("setup field", "given by its pitch, since the slab is unknown", field.model_dump(),
+               "Give the direction sine between object pixels.")  # fmt: skip
     material: Any = recipe.material  # a slab's, or a diffuser's
     materials: list[Any] = [recipe.material_of(0, "train", n) for n in range(1 if known else _DRAWN)]
     middle: CharacterizedMaterial = sorted(materials, key=lambda each: each.half_range)[len(materials) // 2]
@@ -207,7 +207,7 @@ class Findings(Pictured):
     def _facts(self) -> Mapping[str, object]:
         sure = sum((each.probability or 0.0) >= 0.5 for each in self.each)
         fitted = "given" if self.fit is None else "fitted"
-        return {"images": len(self.each), "likelier right than not": sure, f"range, sine ({fitted})": self.range_sine}
+        return {"images": len(self.each), "probably right": sure, f"range, sine ({fitted})": self.range_sine}
 
     def _draw(self, axes: Any, label: str | None = None) -> None:
         """Reconstructions of the first images, each with its probability."""
@@ -348,7 +348,7 @@ def _certified(solution: Solution, third: Tensor, solver: Solver, seen: Periodog
         far = [] if solution.points[n] else torch.nonzero(certificate.unlike(evidence[n])).flatten().tolist()
         silent[n] = silent[n] or "; ".join(
             _beyond(names[k], float(evidence[n, k]), float(certificate.low[k]), float(certificate.high[k])) for k in far
-        ) or "the image is unlike all that the confidence is calibrated for"
+        ) or "the image is outside the range of images that the confidence is calibrated for"
     return solution, silent
 
 
@@ -357,7 +357,7 @@ def _beyond(name: str, value: float, low: float, high: float) -> str:
     plain = name.removeprefix("logarithm of the ")
     if plain != name:
         value, low, high = math.exp(value), math.exp(low), math.exp(high)
-    return f"{plain} is {value:.3g}; the confidence is calibrated for {low:.3g} to {high:.3g}"
+    return f"{plain} {value:.3g} is outside the calibrated range {low:.3g} to {high:.3g}"
 
 
 def _turns(solution: Solution, memory: list[MemoryEffect], third: Tensor) -> tuple[list[bool], list[float | None]]:

@@ -278,19 +278,22 @@ def judge_photograph(
     if against:
         answer, probability, (low, high), needed, reasons = "no speckle", 0.0, (0.0, 0.0), None, against
     elif min(band.grain) < _RESOLVED or (band.edge < _EDGE and min(band.grain) < 1.2 * _RESOLVED):
-        small = Reason("grains finer than pixels tell", f"grains of about {min(band.grain):.2g} pixels",
-                       "a smaller iris, a longer distance to the camera, or smaller pixels")  # fmt: skip
+        small = Reason("speckle too fine for the pixels", f"speckle size about {min(band.grain):.2g} pixels",
+                       "a smaller aperture, a longer distance to the camera, or smaller pixels")  # fmt: skip
         reasons = (small, *reasons)
         answer, needed = ("cannot", None) if answer != "works" else (answer, needed)
     assumed = list(seen.assumed)
     if seen is photographs and seen.envelope is None:
-        assumed.append('even light: this measurement was read without an envelope, which envelope="fit" finds')
+        assumed.append('even light: this measurement was read without an envelope (envelope="fit" fits one)')
     if not against:
-        assumed.append("that it is speckle: most pictures are refused, but not blurred noise nor every portrait")
+        assumed.append("that it is speckle: blurred noise and some pictures pass the test")
     if not against and variance > _ONE_PATTERN and extent < _ONE_GRAIN:
-        assumed.append("that it is a point and no coherent object, such as a modulator in laser light: its speckle has "
-                       "this contrast too, and its autocorrelation is not that of the object")  # fmt: skip
-    assumed.append("one wavelength and one polarisation, and an object within the memory effect: else contrast is lost")
+        assumed.append("that it is a point or an incoherent object: speckle of a coherent object, such as a "
+                       "modulator in "
+                       "laser light, has this contrast too, and its autocorrelation is not that "
+                       "of the object")  # fmt: skip
+    assumed.append("one wavelength, one polarisation, and an object within the memory effect: otherwise "
+                   "contrast is lost")
     envelope = 1.0 if seen.envelope is None else float(seen.envelope.max() / seen.envelope.min())
     return PhotographVerdict(
         answer, probability, (low, high), needed, band.grain,
@@ -302,7 +305,7 @@ def judge_photograph(
 
 def _even(seen: Measurement) -> PhotographVerdict:
     """Judgement on frames that hold nothing at all."""
-    reason = Reason("an even image", "all pixels are alike", "more light, or a longer exposure")
+    reason = Reason("an even image", "all pixels have one value", "more light, or a longer exposure")
     none = float("inf")
     return PhotographVerdict("no speckle", 0.0, (0.0, 0.0), None, (none, none), none, 0.0, 0.0, none, None, 0.0, 0.0,
                              0.0, 1.0, None, {"light": none}, (reason,), tuple(seen.assumed), seen)  # fmt: skip
@@ -426,14 +429,14 @@ def _foretold(
     reasons = []
     clean = share_kept / grains / 2
     if bent > 0.5 * allowed:
-        reasons.append(Reason("saturation", f"{100 * seen.saturated:.2g} % of the pixels are full",
+        reasons.append(Reason("saturation", f"{100 * seen.saturated:.2g} % of the pixels are saturated",
                               "a shorter exposure"))  # fmt: skip
     if error > 1.4 * clean:
-        reasons.append(Reason("too few photons", f"{1 / max(noise, 1e-12):.3g} electrons a pixel of equal noise",
+        reasons.append(Reason("too few photons", f"noise as of {1 / max(noise, 1e-12):.3g} electrons a pixel",
                               "a longer exposure, or more frames of the same pattern"))  # fmt: skip
     if clean > 0.5 * allowed or not reasons:
         few = f"{grains:.0f} grains a side for an object of about {extent:.0f}"
-        remedy = "a larger camera, finer grains, or frames through other states of the medium"
+        remedy = "a larger camera, smaller speckle, or frames through other states of the medium"
         reasons.append(Reason("too few grains", few, remedy))
     return value, needed, tuple(reasons)
 
@@ -531,18 +534,18 @@ def _against(evidence: dict[str, float]) -> tuple[Reason, ...]:
         return (Reason("nothing but noise", "hardly any contrast beyond the camera's noise",
                        "more light; check that the object shines, and the black level"),)  # fmt: skip
     if evidence["patches"] > 0:
-        return (Reason("too few patches", "shading or a picture would look like this as well as speckle",
-                       "a larger camera, or finer grains"),)  # fmt: skip
+        return (Reason("too few patches", "shading or a picture fits as well as speckle",
+                       "a larger camera, or smaller speckle"),)  # fmt: skip
     if float(np.square(list(evidence.values())).sum()) < _REFUSED:
         return ()
     words = {
         "law": "intensities are less skewed than those of speckle",
-        "places": "parts of the frame differ by more than speckle does",
-        "frequencies": "single frequencies stand out, as of a pattern or a picture",
-        "edges": "edges between even places, as of a picture",
+        "places": "parts of the frame differ more than those of speckle",
+        "frequencies": "single frequencies stand out, as in a regular pattern or a picture",
+        "edges": "edges between even areas, as in a picture",
     }
     worst = sorted(words, key=lambda name: -evidence[name])
     return tuple(
-        Reason("no speckle", words[name], "photograph the speckle alone: no lens image of the scene, no stray picture")
+        Reason("no speckle", words[name], "record the speckle alone: no lens image of the scene, no stray light")
         for name in worst if evidence[name] >= 2 or name == worst[0]
     )  # fmt: skip

@@ -89,9 +89,9 @@ class SpeckleTest(NamedTuple):
     def words(self) -> str:
         """Evidence against speckle, as text; empty where nothing does."""
         sentences = (
-            f"contrast {self.contrast:.2g} where the reconstruction predicts {self.predicted:.2g} +- {self.spread:.1g}",
-            f"skewness {self.skewness:.2g} where speckle has at least {self.least:.2g}",
-            f"skewness {self.turned:.2g} without the object, where that of speckle is above 0",
+            f"contrast {self.contrast:.2g}, but the reconstruction predicts {self.predicted:.2g} +- {self.spread:.1g}",
+            f"skewness {self.skewness:.2g}, but speckle has at least {self.least:.2g}",
+            f"skewness {self.turned:.2g} without the object, but that of speckle is above 0",
             f"deviance {self.excess:.2g} above that of the true object",
         )
         bound = min(_TELLING, max(self.evidence))

@@ -112,7 +112,7 @@ class Verdict:
         lines += [f"  {name.replace('_', ' '):22s} {value:.4g}" for name, value in self.numbers.items()]
         for name in self.extrapolates:
             low, high = FITTED[name]
-            lines.append(f"  caution: {name} outside {low:.3g} to {high:.3g}, on which this was fitted")
+            lines.append(f"  caution: {name} is outside {low:.3g} to {high:.3g}, the fitted range")
         for reason in self.reasons:
             lines.append(f"{reason.name}: {reason.numbers}\n  remedy: {reason.remedy}")
         return "\n".join(lines)
@@ -206,7 +206,7 @@ def recoverable(
     """
     loaded = load_recipe(recipe) if isinstance(recipe, str | Path) else recipe
     if not isinstance(loaded, HiddenObject):
-        reject("recoverable recipe", "one with hidden objects", getattr(loaded, "name", loaded))
+        reject("recoverable recipe", "a recipe with hidden objects", getattr(loaded, "name", loaded))
     media = whole_number("recoverable media", media, 1, _MOST_MEDIA)
     whole_number("recoverable seed", seed)
     flag("recoverable compensation", compensation)
@@ -232,11 +232,11 @@ def conditions_of(
     Raise a `RuleError` for recipes of polarised light, whose memory effect is not round, or with a setup.
     """
     if recipe.light.polarisation != "scalar":
-        reject("recoverable recipe", "one of scalar light", recipe.name,
+        reject("recoverable recipe", "a recipe of scalar light", recipe.name,
                "Feasibility is computed for memory effects that are the same in all directions.")  # fmt: skip
     if recipe.bench is not None:
         reject("recoverable recipe", "without the table `bench`", recipe.name,
-               "It is computed for one camera, aperture and focus: state them, without `bench`.")  # fmt: skip
+               "Feasibility is computed for one camera, aperture and focus: leave out `bench`.")  # fmt: skip
     ready = recipe.prepare(seed, split, medium)
     drawn = ready.parameters
     objects = np.stack([recipe.objects.image(seed, split, n) for n in range(_EXAMPLES)])
@@ -309,7 +309,7 @@ def _camera_needed(conditions: Conditions) -> str:
                 f"a camera of {conditions.camera * factor:.0f} grains a side, or {np.ceil(factor**2):.0f} frames "
                 "through other states of the medium"
             )
-    return "a larger camera, or many frames; alone they do not suffice"
+    return "a larger camera and many frames, with the other remedies"
 
 
 COMPLEX = "too complex an object"
@@ -319,27 +319,28 @@ MODES: dict[str, Mode] = {
         lambda c: c.replace(memory_effect=[1.0]),
         lambda c: f"C_I falls to {_across(c):.2g} across the object",
         lambda c: (
-            "a smaller object, or one further away" + ("" if c.compensation else "; divide the autocorrelation by C_I")
+            "a smaller or more distant object" + ("" if c.compensation else "; divide the autocorrelation by C_I")
         ),
     ),
     "no envelope removal": Mode(
         lambda c: c if c.removal else _even(c),
-        lambda c: f"a beam of sigma {c.beam:.2g} camera sides is left in the image",
-        lambda _: "divide by a mean over many grains (removal)",
+        lambda c: f"the envelope of a beam of sigma {c.beam:.2g} camera sides is in the image",
+        lambda _: "divide by a local mean over many speckle grains (removal)",
     ),
     "envelope removed over too short a distance": Mode(
         lambda c: _even(c) if c.removal else c,
-        lambda c: f"a mean over {c.removal * c.camera:.2g} grains takes the object along, which is {c.side:.2g} wide",
-        lambda _: "a longer mean, a larger camera, or a wider beam",
+        lambda c: f"a local mean over {c.removal * c.camera:.2g} grains removes the object too, which is "
+                  f"{c.side:.2g} wide",
+        lambda _: "a wider local mean, a larger camera, or a wider beam",
     ),
     "saturation": Mode(
         lambda c: c.replace(saturation=float("inf")),
-        lambda c: f"pixels are full at {c.saturation:.2g} times the mean",
+        lambda c: f"pixels saturate at {c.saturation:.2g} times the mean",
         lambda _: "a shorter exposure",
     ),
     "too few photons": Mode(
         lambda c: c.replace(electrons=100 * c.electrons),
-        lambda c: f"{c.electrons:.3g} electrons a grain, noise and background counted",
+        lambda c: f"{c.electrons:.3g} electrons for each speckle grain, with noise and background",
         lambda _: "a longer exposure, less background, or frames of other states of the medium",
     ),
     "too low contrast": Mode(
@@ -349,13 +350,13 @@ MODES: dict[str, Mode] = {
     ),
     "too few grains": Mode(
         lambda c: c.replace(camera=4 * c.camera),
-        lambda c: f"{c.camera:.3g} a side, for an object of {c.side:.3g}",
+        lambda c: f"{c.camera:.3g} on each side of the camera, for an object {c.side:.3g} wide",
         _camera_needed,
     ),
     COMPLEX: Mode(
         lambda c: c,
         lambda c: f"{residual(c).complexity:.3g} bright grains",
-        lambda _: "fewer bright parts, or smaller ones",
+        lambda _: "fewer or smaller bright parts",
     ),
 }
 """Name of a failure mode to its repair and its words."""

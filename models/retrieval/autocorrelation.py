@@ -129,7 +129,7 @@ def autocorrelation(
     images = images.double()
     slow = images.mean((-2, -1), keepdim=True) if sigma is None else envelope(images, sigma)
     if not (slow > 0).all():
-        reject("autocorrelation images", "brighter than 0 in the mean", float(slow.min()))
+        reject("autocorrelation images", "above 0 in the mean", float(slow.min()))
     noise = (images / electrons + (read_noise / electrons) ** 2) / slow**2
     flat = images / slow
     flat = flat - flat.mean((-2, -1), keepdim=True)

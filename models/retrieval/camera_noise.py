@@ -95,8 +95,8 @@ def camera_noise(
         return read
     if camera == "unknown":
         least = (math.sqrt(2) if profile == "disc" else 2) * BEYOND
-        reject("camera_noise grain", f"above {least:.3g} pixels, on a camera of many", grain,
-               "State the camera ([exposure] of a recipe or a setup), or open the aperture less.")  # fmt: skip
+        reject("camera_noise grain", f"above {least:.3g} pixels, on a camera of many speckle grains", grain,
+               "Describe the camera ([exposure] of a recipe or a setup), or use a smaller aperture.")  # fmt: skip
     stated = torch.zeros_like(read) if camera == "none" else camera.noise(images.double().mean((-2, -1)))
     return torch.where(readable, read, stated)
 

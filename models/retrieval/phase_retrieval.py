@@ -113,7 +113,8 @@ def fourier_modulus(autocorrelation: Tensor, transfer: Tensor | None = None) -> 
     twice[[0, -1]] = 1.0  # columns of either sign of the frequency
     total = (power * twice).sum((-2, -1), keepdim=True) / autocorrelation.shape[-1] ** 2
     if not (total > 0).all():
-        reject("fourier_modulus autocorrelation", "of some power", float(total.min()), "Is the image all speckle?")
+        reject("fourier_modulus autocorrelation", "above 0 in total power", float(total.min()),
+               "Check that the whole image is speckle.")
     return (power / total).sqrt().float()
 
 

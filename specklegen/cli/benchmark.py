@@ -15,17 +15,18 @@ from specklegen.core.errors import reject
 
 def benchmark(
     functions: list[str] | None = argument(
-        None, "Yours: FILE.py:NAME, MODULE:NAME, or a network's best.pt; nothing for the baselines alone.",
+        None, "Your functions: FILE.py:NAME, MODULE:NAME, or a network's best.pt (default: the baselines alone).",
         metavar="FUNCTION...",
     ),
-    tasks: list[str] | None = option(None, "Of --list; repeatable (default: all).", "--task", metavar="NAME"),
-    samples: int | None = option(None, "Images of each task (default: all).", min=2),
-    baselines: bool = option(True, "Run the baselines beside."),
+    tasks: list[str] | None = option(None, "Task of --list; repeatable (default: all).", "--task", metavar="NAME"),
+    samples: int | None = option(None, "Number of images of each task (default: all).", min=2),
+    baselines: bool = option(True, "Score the baselines too."),
     out: Path = option(Path("benchmark"), "Folder for results."),
-    seconds: float = option(600.0, "Time that a function may take for 16 images.", min=1e-3),
-    gibibytes: float = option(8.0, "Memory that a function may take.", min=1e-3),
+    seconds: float = option(600.0, "Time limit of a function for 16 images.", min=1e-3),
+    gibibytes: float = option(8.0, "Memory limit of a function.", min=1e-3),
     measured: Path | None = option(
-        None, "Clone of `specklegen check measured get hidden-shapes`, for its task.", metavar="FOLDER",
+        None, "Folder made by `specklegen check measured get hidden-shapes`, for the task of that name.",
+        metavar="FOLDER",
     ),
     table: Path | None = option(None, "Print the table of a folder of entries, and exit.", metavar="FOLDER"),
     listed: bool = option(False, "List the tasks and exit.", "--list"),
@@ -57,7 +58,7 @@ def benchmark(
     names = [task(name).name for name in tasks] if tasks else None
     own = {text: _function(text) for text in functions or []}
     if not own and not baselines:
-        reject("benchmark FUNCTION", "at least one without baselines", functions)
+        reject("benchmark FUNCTION", "at least one function with --no-baselines", functions)
     writable(out)
     asked = names or [each.name for each in complete_run() + [x for x in TASKS if x.fetched and measured]]
     total = sum(task(name).count(samples) for name in asked)

@@ -20,7 +20,7 @@ def compare_command(
     what: str = argument(
         ..., "A packaged recipe, a recipe's TOML file, or a scene as TOML or JSON.", autocompletion=names_starting_with
     ),
-    seconds: float = option(20.0, "Processor time for all samplers together."),
+    seconds: float = option(20.0, "CPU time for all samplers together."),
     seed: Seed = 0,
     changes: Set = None,
     table: Path | None = option(None, "CSV to write.", "--csv"),
@@ -67,8 +67,8 @@ def compare_command(
     for name, obstacle in left_out.items():
         say(f"{name}: left out: {obstacle}")
     say(
-        "One thread. Errors are those that the runs report, root mean square over intensities and tilt covariances of "
-        "a few points, relative; that of the closed form is the light that it leaves out over the light that it gives."
+        "Runs use one thread. The error is relative: the root mean square over intensities and tilt covariances of a "
+        "few points, as each run reports it. The error of the closed form is the share of light that it neglects."
     )
     if table is not None:
         write_csv(table, _COLUMNS, map(_cells, rows))
@@ -93,7 +93,7 @@ def scene_of(what: str, changes: list[str] | None) -> "Scene":
             return scene_in(path)
     plans = load(what, changes).plans()
     if not plans:
-        reject("compare recipe", "one that renders scenes", what)
+        reject("compare recipe", "a recipe that renders scenes", what)
     return plans[0].scene
 
 

@@ -11,8 +11,8 @@ from specklegen.core.errors import ToldError
 
 
 def explore(
-    port: int | None = option(None, "Where to serve (default: 2718, or a free port).", min=1, max=65535),
-    browser: bool = option(True, "Open it in the browser."),
+    port: int | None = option(None, "Port of the local server (default: 2718, or a free port).", min=1, max=65535),
+    browser: bool = option(True, "Open the explorer in the browser."),
 ) -> None:
     """Explore slabs, objects and cameras with sliders, in a browser on this machine; Ctrl-C ends it."""
     if find_spec("marimo") is None:

@@ -34,7 +34,7 @@ _WORDS: tuple[tuple[type[BaseException], Callable[[Any], str]], ...] = (
     (ToldError, str),
     (OSError, _system),
     (MemoryError, lambda error: f"there is not enough memory. {error}".strip()),
-    (RecursionError, lambda error: "something is nested too deeply to be read"),
+    (RecursionError, lambda error: "a file is nested too deeply to be read"),
     (UnicodeError, lambda error: f"a text or a name is not in UTF-8: {error}"),
     (ImportError, lambda error: install_line(error) or str(error)),
 )

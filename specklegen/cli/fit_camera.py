@@ -31,12 +31,12 @@ class ManyFiles(Generated):
 
 def fit_camera(
     pairs: list[str] = option(
-        ..., "Frames in pairs of one light each, in the order of their names; files as of `reconstruct`.",
+        ..., "Pairs of frames, each pair under equal light, in the order of names; file types as of `reconstruct`.",
     ),
     dark: list[str] = option(..., "At least two frames without light."),
     out: Path | None = option(None, "TOML to write: the table [exposure] of a recipe."),
     picture: Path | None = option(None, "PNG to write: the photon transfer curve."),
-    bit_depth: int | None = option(None, "Bits of a count, where known.", min=1, max=16),
+    bit_depth: int | None = option(None, "Bits of a count, if known.", min=1, max=16),
     as_json: AsJson = False,
 ) -> None:
     """Fit your camera to pairs of frames at several levels of light, and to dark frames."""
@@ -44,11 +44,12 @@ def fit_camera(
 
     from specklegen.instrument import fit_camera as fit
 
-    require_writable("fit-camera --out", out, ".toml")
-    require_writable("fit-camera --picture", picture)
+    require_writable("fit camera --out", out, ".toml")
+    require_writable("fit camera --picture", picture)
     bright = _frames("--pairs", pairs)
     if len(bright) % 2:
-        reject("fit-camera --pairs", "an even number of frames", len(bright), "Two of each light, one after the other.")
+        reject("fit camera --pairs", "an even number of frames", len(bright),
+               "Take two frames at each light level, one after the other.")
     both = [np.stack(bright[n : n + 2]) for n in range(0, len(bright), 2)]
     camera = fit(both, np.stack(_frames("--dark", dark)), bit_depth=bit_depth)
     if out is not None:
@@ -68,4 +69,4 @@ def _frames(flag: str, patterns: list[str]) -> "list[np.ndarray]":
         {name for pattern in patterns for name in (glob.glob(pattern) or [pattern])},
         key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)],
     )
-    return list(read_raw(f"fit-camera {flag}", names).frames)
+    return list(read_raw(f"fit camera {flag}", names).frames)

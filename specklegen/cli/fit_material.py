@@ -11,7 +11,7 @@ from specklegen.core.units import WAVELENGTH, quantity
 if TYPE_CHECKING:
     from specklegen.measured import BallisticFraction, Transmittance
 
-_OWNER = "fit-material"
+_OWNER = "fit material"
 _RELATIVE = 0.02
 
 
@@ -20,11 +20,12 @@ def fit_material(
     tilt: Path | None = option(None, "CSV: tilt in radians, C_I, standard error."),
     movie: Path | None = option(None, "CSV: lag, g2, standard error."),
     bandwidth: Path | None = option(None, "CSV: full width in wavenumber, contrast, standard error."),
-    transmittance: str | None = option(None, "Share of the light that leaves behind: .31, or .31+-.01 (else +- 2 %)."),
-    ballistic: str | None = option(None, "Share of the light that goes straight through, such as .05+-.002."),
-    known: list[str] | None = option(None, "What is known, such as thickness=1000."),
-    free: str = option("", "What is to be found, apart by commas."),
-    name: str = option("my-bench", "Of the recipe."),
+    transmittance: str | None = option(None,
+                                       "Transmitted share of the light: 0.31, or 0.31+-0.01 (default error: 2 %)."),
+    ballistic: str | None = option(None, "Ballistic share of the light, such as 0.05+-0.002."),
+    known: list[str] | None = option(None, "Known number, such as thickness=1000 (repeatable)."),
+    free: str = option("", "Numbers to fit, separated by commas."),
+    name: str = option("my-bench", "Name of the recipe."),
     out: Path | None = option(None, "TOML to write: a recipe of tilt stacks of this material."),
     picture: Path | None = option(None, "PNG to write: the residuals."),
     as_json: AsJson = False,
@@ -41,7 +42,7 @@ def fit_material(
     shares = ((Sphere, transmittance, "--transmittance"), (BallisticFraction, ballistic, "--ballistic"))
     observations += [_share(kind, text, flag) for kind, text, flag in shares if text is not None]
     if not observations:
-        reject(f"{_OWNER}", "given measurements", "none", "Name a file by --tilt, say.")
+        reject(f"{_OWNER}", "given measurements", "none", "Give at least one, such as --tilt FILE.")
     numbers = dict(_number(each) for each in known or [])
     names = tuple(each.strip() for each in free.split(",") if each.strip()) or tuple(
         each for each in ("thickness", "mean_free_path", "g", *(["diffusion"] if movie else [])) if each not in numbers

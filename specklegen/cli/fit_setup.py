@@ -9,10 +9,11 @@ from specklegen.cli.settings import argument, option
 def fit_setup(
     photographs: list[str] = argument(..., "Files, folders or patterns of frames."),
     dark: str | None = option(None, "Frames without light, or the black level in counts."),
-    profile: str | None = option(None, "Of the iris, where known: square, disc or gaussian."),
-    points: bool = option(False, "Pixels are points, as those of most simulations.", "--points"),
-    target: str | None = option(None, "Image of a known target that shone in place of a point: fits the range too."),
-    target_step: float = option(1.0, "Camera pixels between pixels of the target."),
+    profile: str | None = option(None, "Shape of the aperture, if known: square, disc or gaussian."),
+    points: bool = option(False, "Treat pixels as points, as most simulations do.", "--points"),
+    target: str | None = option(None, "Image of a known target in place of the point source: fits the memory-effect "
+                                      "range too."),
+    target_step: float = option(1.0, "Camera pixels for each pixel of the target."),
     picture: Path | None = option(None, "PNG to write: the spectrum, measured and fitted."),
     as_json: AsJson = False,
 ) -> None:
@@ -20,7 +21,7 @@ def fit_setup(
     from specklegen.measured.measurement import read_measurement
     from specklegen.models.calibration.setup_fit import fit_setup as fit
 
-    require_writable("fit-setup --picture", picture)
+    require_writable("fit setup --picture", picture)
     shown = None if target is None else read_measurement(target, hot_pixels=False).light[0]
     setup = fit(photographs, dark=black_level(dark), profile=profile, pixel_integration=not points, target=shown,
                 target_step=target_step)  # fmt: skip

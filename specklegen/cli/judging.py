@@ -20,21 +20,22 @@ MOST_KEPT = 10**6
 """Images that are looked at together; all are kept in memory."""
 Network = Annotated[
     str | None,
-    typer.Option(metavar="MODULE:NAME", help="Import a network of your own, which a model names; runs its module."),
+    typer.Option(metavar="MODULE:NAME",
+                 help="Import your own network class, which a model uses. This runs its module."),
 ]
 
 
 def evaluate(
     models: list[Path] | None = argument(None, "Models (best.pt); by default the packaged one."),
     recipe: str | None = option(
-        None, "What to test on (default: one-angular-size; characters-of-new-fonts for labels, registered-tilts for "
+        None, "Test data (default: one-angular-size; characters-of-new-fonts for labels, registered-tilts for "
         "materials, lsci-slab for motion, flow-vessel for contrast).", autocompletion=names_starting_with,
     ),
     split: Split = "test",
-    samples: int = option(32, "Images.", min=1, max=MOST_KEPT),
-    katz: bool = option(True, "Phase retrieval beside, plain and with C_I."),
-    restarts: int = option(10, "Of phase retrieval.", min=1, max=1000),
-    solver: bool = option(False, "The solver for any object beside."),
+    samples: int = option(32, "Number of images.", min=1, max=MOST_KEPT),
+    katz: bool = option(True, "Score phase retrieval too, without and with C_I."),
+    restarts: int = option(10, "Restarts of phase retrieval.", min=1, max=1000),
+    solver: bool = option(False, "Score the solver for any object too."),
     out: Path = option(Path("evaluation"), "Folder for tables and contact sheet."),
     network: Network = None,
     seed: Seed = 0,
@@ -70,19 +71,20 @@ def evaluate(
     named = named or {"packaged network": load_pretrained()}
     asked = {model.target for model in named.values()}
     if len(asked) > 1:
-        reject("evaluate models", "networks that tell the same", sorted(asked))
+        reject("evaluate models", "networks of one target", sorted(asked))
     (target,) = asked
     recipe = recipe or _BENCHMARKS[target]
     loaded = (load_hidden if TARGETS[target].hidden else load)(recipe, changes, images, objects)
     if loaded.media_of(samples) < 2:
-        reject("evaluate --samples", "enough for two media", samples, "One medium tells nothing about the others.")
+        reject("evaluate --samples", "enough images for two media", samples,
+               "Intervals are computed over media: raise --samples.")
     if target != "object":
         _judge_answers(named, batches_of(loaded, samples, seed, split), out, as_json, closed(loaded, target, seed))
         return
     assert isinstance(loaded, HiddenObject)
     if "image" not in loaded.images_layout():
-        reject("evaluate --recipe", "one with one image of each object", recipe,
-               "through-slab and unknown-slab are; `specklegen recipes --all` lists all.")  # fmt: skip
+        reject("evaluate --recipe", "a recipe with one image of each object", recipe,
+               "Use through-slab or unknown-slab; `specklegen recipes --all` lists all.")  # fmt: skip
     writable(out)
     tables = [model.trained_on for model in named.values()]
     if solver:
@@ -143,7 +145,7 @@ def _judge_answers(
     from specklegen.models.judging.contrast_maps import judge_maps
 
     if len(named) > 1:
-        reject("evaluate models", "one at a time where they tell no object", sorted(named))
+        reject("evaluate models", "a single model, since the target is no image of an object", sorted(named))
     writable(out)
     model = next(iter(named.values()))
     scores = (judge_maps if model.target == "contrast" else judge)(model, batches, beside)

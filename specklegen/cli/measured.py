@@ -26,7 +26,7 @@ def list_measured(as_json: AsJson = False) -> None:
         ])  # fmt: skip
         return
     for each in sets:
-        licence = "no licence: read it, hand nothing on" if each.licence == "none" else each.licence
+        licence = "no licence: do not redistribute" if each.licence == "none" else each.licence
         typer.echo(f"{each.name:16s} {each.what} ({licence}; {each.address}, {each.commit[:7]})")
 
 

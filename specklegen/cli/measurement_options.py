@@ -15,20 +15,21 @@ if TYPE_CHECKING:
 class FrameOptions:
     """Frames of a laboratory, and how they are read."""
 
-    background: float = option(0.0, "Image value without light, taken off first.")
+    background: float = option(0.0, "Black level in counts, subtracted first.")
     dark: list[str] | None = option(None, "Frames without light: files, folders or patterns.")
-    flat: list[str] | None = option(None, "Frames of even light, which pixels' sensitivity is read off.")
+    flat: list[str] | None = option(None, "Frames under even light, for the sensitivity of pixels.")
     envelope: str = option("fit", 'Envelope of the light: "fit", "none", or a file with an image of it.')
-    region: str | None = option(None, 'Part of the frame: "find" what is lit, or top,left,height,width.')
-    keep: str | None = option(None, "Frames of a file that are kept, such as 3 or 0:10.")
-    variable: str | None = option(None, "Array in a MATLAB or HDF5 file that has several.")
+    region: str | None = option(None, 'Part of the frame: "find" (the illuminated part), or top,left,height,width.')
+    keep: str | None = option(None, "Frames to use of each file, such as 3 or 0:10.")
+    variable: str | None = option(None, "Name of the array, if a MATLAB or HDF5 file has several.")
 
     def reader(self) -> Callable[[Any], "Measurement"]:
         """Return a function that reads frames as these options say; refuse options that do not go together."""
         from specklegen.measured import read_measurement
 
         if self.dark and self.background:
-            reject("--background", "0 with --dark", self.background, "Dark frames say what the black level is.")
+            reject("--background", "0 with --dark", self.background,
+                   "Dark frames already give the black level: leave out one of the two.")
         options: dict[str, Any] = {
             "dark": self.dark or self.background, "flat": self.flat or None,
             "envelope": None if self.envelope == "none" else self.envelope,

@@ -42,11 +42,12 @@ Objects = Annotated[
     str | None,
     typer.Option(
         metavar="FAMILY",
-        help="Hide objects of another family: Glyphs, Points, Bars, ..., or my_module:Name, whose module is run.",
+        help="Hide objects of another family: Glyphs, Points, Bars, ..., or my_module:Name, whose module is imported.",
     ),
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Whole number that the result is a function of.")]
-Split = Annotated[Literal["train", "validation", "test"], typer.Option(help="The three share no medium and no object.")]
+Seed = Annotated[int, typer.Option(min=0, help="Random seed, a whole number.")]
+Split = Annotated[Literal["train", "validation", "test"],
+                  typer.Option(help="No two splits share a medium or an object.")]
 
 
 def load(recipe: str, changes: list[str] | None, images: Path | None = None, objects: str | None = None) -> "Recipe":
@@ -61,7 +62,7 @@ def load(recipe: str, changes: list[str] | None, images: Path | None = None, obj
     whole = recipe_table(recipe, table)
     with imports_of_recipe(recipe, whole, table):
         for path in import_paths(whole):
-            typer.echo(f"{recipe} runs code: it imports {path}", err=True)
+            typer.echo(f"{recipe} imports {path}, which runs its code", err=True)
     if images is None and objects is None:
         return load_recipe(recipe, table)
     if images is not None and objects is not None:
@@ -71,7 +72,7 @@ def load(recipe: str, changes: list[str] | None, images: Path | None = None, obj
         reject("--set objects", "a table where --images or --objects is given", fields)
     loaded = load_recipe(recipe, table)
     if not isinstance(loaded, HiddenObject):
-        reject("recipe", "one with hidden objects where --images or --objects is given", recipe)
+        reject("recipe", "a recipe with hidden objects, for --images or --objects", recipe)
     family = {"type": objects} if images is None else {"type": "Folder", "path": str(images)}
     return loaded.replace(objects={"shape": loaded.objects.shape} | fields | family)
 
@@ -84,8 +85,8 @@ def load_hidden(
 
     loaded = load(recipe, changes, images, objects)
     if not isinstance(loaded, HiddenObject):
-        reject("recipe", "one with hidden objects", recipe,
-               "Use one of the kind hidden-object (`specklegen recipes --all --json` states kinds).")  # fmt: skip
+        reject("recipe", "a recipe with hidden objects", recipe,
+               "Choose one of kind hidden-object: `specklegen recipes --all --json` lists kinds.")  # fmt: skip
     return loaded
 
 

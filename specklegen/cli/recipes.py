@@ -79,11 +79,12 @@ def recipe_schema_command(
 
 def plan(
     recipe: RecipeName,
-    samples: int | None = option(None, "Samples to cost (default: an epoch of train).", min=1),
+    samples: int | None = option(None, "Number of samples to estimate the cost of (default: an epoch of train).",
+                                 min=1),
     changes: Set = None, images: Images = None,
-    verbose: bool = option(False, "With the reason for each part.", "--verbose", "-v"),
+    verbose: bool = option(False, "Print the reason for each part.", "--verbose", "-v"),
     as_json: AsJson = False,
-    anew: bool = option(False, "Plan and measure again, whatever was answered before.", "--anew"),
+    anew: bool = option(False, "Plan and measure again, without cached answers.", "--anew"),
 ) -> None:  # fmt: skip
     """Print sampler, expected error, neglected effects and cost of a recipe; with --verbose, the reasons.
 

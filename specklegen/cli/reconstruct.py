@@ -1,5 +1,6 @@
 """The command ``specklegen reconstruct``: one's own camera images, and what was behind the slab."""
 
+import glob
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,26 +31,29 @@ def reconstruct(
         ..., "Camera images: TIFF, PNG, BMP, NPY, SPE, AVI, MKV, MOV, HDF5, MATLAB.", metavar="IMAGE..."
     ),
     setup: str = option(
-        ..., "Your setup: a recipe with hidden objects, packaged or as TOML (window, camera, slab, object pitch).",
+        ..., "Your setup: a recipe with hidden objects, packaged or as TOML (illuminated area, camera, slab, object "
+             "pitch).",
         autocompletion=names_starting_with,
     ),
     out: Path = option(Path("reconstruction"), "Folder for pictures and report."),
     frames: bool = option(
-        False, "All images, and all their pages, show one object through states of the medium.", "--frames",
+        False, "All images and pages show one object through changing states of the medium.", "--frames",
     ),
     together: bool = option(
-        False, "All images, and all their pages, show objects through one medium at rest.", "--together",
+        False, "All images and pages show objects through one medium at rest.", "--together",
     ),
     memory_effect: Path | None = option(None, "CSV of the measured C_I: distance on the camera in pixels, C_I."),
     grain: float | None = option(
-        None, "Camera pixels in a grain.", show_default="the setup's; what photographs say where they contradict it"
+        None, "Speckle size in camera pixels.", show_default="the setup's, or the measured one if images contradict it"
     ),
     fit: bool | None = option(
-        None, "Fit the memory-effect range (default: of slabs in ranges).", "--fit-range/--no-fit-range",
+        None, "Fit the memory-effect range (default: if the setup gives the slab by ranges).",
+        "--fit-range/--no-fit-range",
     ),
-    draws: int | None = option(None, "Pictures to draw of each object, whose mean is the answer: 0, or 2 to 64.",
+    draws: int | None = option(None, "Posterior draws of each object, 0 or 2 to 64; the estimate is their mean.",
                                show_default="8; 4 above 160 pixels"),
-    fast: bool = option(False, "Answer with the solver's image, without draws: a seventh of the time.", "--fast"),
+    fast: bool = option(False, "Return the solver's image without posterior draws, in a seventh of the time.",
+                        "--fast"),
     seed: Seed = 0,
     changes: Set = None,
     as_json: AsJson = False,
@@ -74,10 +78,11 @@ def reconstruct(
         pages.extend([path.stem] * len(found))
     shapes = {picture.shape for picture in pictures}
     if len(shapes) > 1:
-        reject("reconstruct IMAGE", "of one size", sorted(shapes), "Give images of one camera.")
+        reject("reconstruct IMAGE", "images of one size", sorted(shapes), "Give images of one camera and region.")
     if together and (frames or memory_effect is not None or fit or draws or fast):
-        reject("reconstruct --together", "alone", "--frames, --memory-effect, --fit-range, --draws or --fast beside it",
-               "Images of several objects through one medium need no memory effect, and have no draws.")  # fmt: skip
+        reject("reconstruct --together", "given alone",
+               "--frames, --memory-effect, --fit-range, --draws or --fast with it",
+               "This method uses no memory effect and makes no posterior draws.")  # fmt: skip
     writable(out)
     stack = torch.from_numpy(np.stack(pictures))
     if together:
@@ -137,6 +142,8 @@ def _measured(path: Path, read: "Callable[..., Measurement]", notes: list[str]) 
     if suffix not in (*FRAME_FILES, *SUFFIXES):
         known = ", ".join(sorted({*FRAME_FILES, *SUFFIXES}))
         reject("reconstruct IMAGE", f"a file that ends in {known}", str(path))
+    if not (path.exists() or glob.has_magic(str(path))):
+        reject("reconstruct IMAGE", "an existing file", str(path), "Check the path.")
     found, refused = None, ""
     try:
         if suffix in FRAME_FILES:
@@ -149,7 +156,8 @@ def _measured(path: Path, read: "Callable[..., Measurement]", notes: list[str]) 
         if found is None:
             found = read(read_grey(path))  # of colours, perhaps
     except (OSError, ValueError) as error:
-        reject("reconstruct IMAGE", "a picture that can be read", str(path), refused or f"It cannot: {error}.")
+        why = refused.partition("'. ")[2] or refused or f"Reading it failed: {error}."
+        reject("reconstruct IMAGE", "a picture that can be read", str(path), why)
     found.require_speckle(f"reconstruct IMAGE {path}")
     notes.extend(f"{path.name}: {doubt}" for doubt in found.doubts)
     if found.envelope is not None and found.envelope_order != 0:
@@ -182,14 +190,14 @@ def _found_grain(
         return None, []
     found = fit_grain(stack, extent, setup.optics.profile)
     said = [
-        f"{name}: the setup says {grain:.3g} pixels a grain, the photograph {found.grain[n]:.2f} "
+        f"{name}: the speckle size is {grain:.3g} pixels by the setup, but {found.grain[n]:.2f} in the image "
         f"({found.low[n]:.2f} to {found.high[n]:.2f}; {against:.0f} nats more probable)"
         for n, (name, against) in enumerate(zip(names, found.against(grain), strict=True)) if against > DOUBTED
     ]  # fmt: skip
     if not said:
         return None, []
     own = float(np.median(found.grain))
-    return own, [*said, f"a grain of {own:.2f} pixels is used; --grain {grain:.3g} keeps the setup's"]
+    return own, [*said, f"a speckle size of {own:.2f} pixels is used; for that of the setup, give --grain {grain:.3g}"]
 
 
 def _deconvolved(stack: "torch.Tensor", recipe: "HiddenObject", seed: Seed) -> "Multiframe":
@@ -199,7 +207,7 @@ def _deconvolved(stack: "torch.Tensor", recipe: "HiddenObject", seed: Seed) -> "
     from specklegen.models.recoverability.assessment import setup_of
 
     if len(stack) < 2:
-        reject("reconstruct IMAGE", "two or more, with --together", len(stack), "Give an image of each object.")
+        reject("reconstruct IMAGE", "two or more images, with --together", len(stack), "Give an image of each object.")
     optics, side = setup_of(recipe).optics, max(recipe.objects.shape)
     step = float(optics.step) * EXTENT / side  # between the setup's pixels, not the solver's
     size = min(side + _ROOM, int(min(stack.shape[-2:]) / step))
@@ -238,7 +246,7 @@ def _write_together(found: "Multiframe", names: list[str], notes: list[str], out
 
 
 def _verdict(name: str, measured: "Measurement") -> list[dict]:
-    """What ``recoverable`` says of the camera frame; nothing where it is too small to judge."""
+    """Return the feasibility of the camera frame; an empty list if the frame is too small for it."""
     from specklegen.models.recoverability.photograph import LEAST, judge_photograph
 
     if min(measured.light.shape[1:]) < LEAST:
@@ -256,10 +264,10 @@ def _one(path: Path, frames: "np.ndarray", notes: list[str]) -> "np.ndarray":
     alike = float(np.mean([np.corrcoef(first, other)[0, 1] for other in rest]))
     if not alike >= _ONE_PATTERN:
         reject("reconstruct IMAGE", "one frame, or frames of one pattern",
-               f"{len(frames)} that correlate by {alike:.2f}",
-               "Give --frames if one object was seen through other states of the medium.")  # fmt: skip
+               f"{len(frames)} frames that correlate by {alike:.2f}",
+               "Add --frames if they show one object through changing states of the medium.")  # fmt: skip
     notes.append(
-        f"{path.name}: the mean of {len(frames)} frames was taken, which correlate with the first by {alike:.2f}"
+        f"{path.name}: its {len(frames)} frames show one pattern (correlation {alike:.2f}), so their mean is used"
     )
     return frames.mean(axis=0, keepdims=True)
 

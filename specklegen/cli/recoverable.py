@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 
 def recoverable(
     what: list[str] = argument(
-        ..., "A packaged recipe or a TOML file; or photographs: files, folders or patterns of frames.",
-        metavar="RECIPE | PHOTOGRAPHS...", autocompletion=names_starting_with,
+        ..., "A packaged recipe or a TOML file; or camera images: files, folders or patterns of frames.",
+        metavar="RECIPE | IMAGES...", autocompletion=names_starting_with,
     ),
     compensation: bool = option(True, "Divide the autocorrelation by the material's C_I."),
     beam: float | None = option(None, "Sigma of a Gaussian envelope on the camera, in camera sides (default: even)."),
-    removal: float = option(0.0, "Sigma of the mean that the envelope is divided out with; 0 leaves it in."),
-    media: int = option(4, "Media to draw where the recipe varies.", min=1, max=10_000),
+    removal: float = option(0.0, "Sigma of the local mean that removes the envelope, in camera sides; 0: not removed."),
+    media: int = option(4, "Media to draw, if the recipe has ranges.", min=1, max=10_000),
     seed: Seed = 0,
     changes: Set = None,
     images: Images = None,
-    dark: str | None = option(None, "Of photographs: frames without light, or the black level in counts."),
-    camera: Path | None = option(None, "Of photographs: TOML with a table [exposure], as fit-camera writes."),
+    dark: str | None = option(None, "For camera images: frames without light, or the black level in counts."),
+    camera: Path | None = option(None, "For camera images: TOML with a table [exposure], as `fit camera` writes."),
     as_json: AsJson = False,
 ) -> None:  # fmt: skip
     """Predict whether phase retrieval can reconstruct objects of a recipe or of camera frames, with remedies.
@@ -38,7 +38,7 @@ def recoverable(
     from specklegen.models.recoverability.verdict import recoverable as predict
 
     if _are_photographs(what):
-        require_left_out("recoverable", "with photographs", beam=beam, set=changes, images=images)
+        require_left_out("recoverable", "with camera images", beam=beam, set=changes, images=images)
         _photographs(what, dark, camera, as_json)
         return
     require_left_out("recoverable", "with a recipe, which has its camera", dark=dark, camera=camera)

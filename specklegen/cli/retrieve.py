@@ -13,9 +13,11 @@ from specklegen.cli.settings import argument, option
 def retrieve(
     reading: FrameOptions,
     images: list[str] = argument(..., "Camera images of one object: files, folders or patterns.", metavar="IMAGE..."),
-    grain: float | None = option(None, "Speckle size, camera pixels (default: read off the frequencies)."),
-    extent: float | None = option(None, "The object's diameter, camera pixels (default: of the autocorrelation)."),
-    noise: float | None = option(None, "Variance of camera noise over the squared mean (default: read off the image)."),
+    grain: float | None = option(None, "Speckle size, camera pixels (default: estimated from the spectrum)."),
+    extent: float | None = option(None, "The object's diameter, camera pixels (default: estimated from the "
+                                        "autocorrelation)."),
+    noise: float | None = option(None, "Variance of camera noise over the squared mean (default: estimated from the "
+                                       "image)."),
     pixel: float | None = option(None, "Camera pixels in a pixel of the result (default: 1/28 of the extent)."),
     memory_effect: Path | None = option(None, "CSV of the measured C_I: distance on the camera in pixels, C_I."),
     restarts: int = option(20, "Random starts.", min=1, max=10_000),

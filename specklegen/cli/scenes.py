@@ -50,11 +50,11 @@ def render(
     step: Annotated[float, DEGREE] = option(0.0025, "Angle between tilts, degrees."),
     views: int = option(128, "Views along each side of the image.", min=1, max=100_000),
     pitch: Annotated[float, SINE] | None = option(None, "Direction sine between views (default: a third of a grain)."),
-    paths: int | None = option(None, "Random paths to trace (default 100000).", min=1),
+    paths: int | None = option(None, "Number of random paths (default 100000).", min=1),
     rel_error: float | None = option(None, "Instead of --paths: relative error to reach."),
     sampler: str = option(
         "auto", "How fields are drawn: auto, stationary, paths, covariance, convolution, screens of thin media; or "
-        "my_module:Name, a sampler of your own, whose module is run.",
+        "my_module:Name, your own sampler, whose module is imported.",
     ),
     scene: Path | None = option(None, "A scene as TOML or JSON, instead of the options above."),
     seed: Seed = 0,
@@ -107,7 +107,7 @@ def _require_unsaid(
     if given:
         options = ", ".join("--" + name.replace("_", "-") for name in given)
         remedy = "Change the file instead." if flag == "--scene" else f"Leave {flag} out to describe a slab."
-        reject(f"{command} {options}", f"left out with {flag}, which says it", str(said), remedy)
+        reject(f"{command} {options}", f"left out with {flag}, which states it", str(said), remedy)
 
 
 def scene_in(file: Path) -> "Scene":
@@ -119,7 +119,7 @@ def scene_in(file: Path) -> "Scene":
     table = anchored(read(text, f"scene {file}"), file.parent)
     with imports_of(table, is_trusted(file)):
         for path in import_paths(table):
-            typer.echo(f"{file} runs code: it imports {path}", err=True)
+            typer.echo(f"{file} imports {path}, which runs its code", err=True)
         return sg.Scene(**table)
 
 
@@ -128,21 +128,22 @@ def memory_effect_command(
     wavelength: Wavelength = 0.5,
     thickness: Thickness = 1000.0,
     optical_depth: OpticalDepth = 10.0,
-    g: list[float] | None = option(None, "Anisotropy; give it several times to compare.", "--g"),
+    g: list[float] | None = option(None, "Anisotropy of scattering; repeat the option to compare.", "--g"),
     albedo: Albedo = 1.0,
-    index: float = option(1.0, "Refractive index of the slab, in air; 1 for matched faces."),
+    index: float = option(1.0, "Refractive index of the slab, in air; 1: index-matched."),
     material: str | None = option(
         None, "A preset, such as skin, instead of depth, g, albedo and index; lengths are then in micrometres, the "
         "wavelength that in vacuum.",
     ),
-    scene: Path | None = option(None, "The medium of a scene, TOML or JSON, instead: layers, any lobe, screens."),
+    scene: Path | None = option(None, "The medium of a scene, TOML or JSON, instead: layers, any phase function, "
+                                      "screens."),
     largest: Annotated[float, DEGREE] | None = option(
-        None, "Largest tilt, degrees (default: where a tenth of C_I is left, by few paths).",
+        None, "Largest tilt, degrees (default: where C_I falls to 0.1, estimated from few paths).",
     ),
-    points: int = option(33, "Tilts from 0 to the largest, both of them.", min=2, max=100_000),
+    points: int = option(33, "Number of tilts from 0 to the largest, both included.", min=2, max=100_000),
     lags: Annotated[float, TIME] | None = option(None, "Instead of tilts: largest lag of a slab that moves."),
     diffusion: Annotated[float, DIFFUSION] | None = option(
-        None, "Of its particles, length^2 / time (default: lags are in units of 1/(D k^2)).",
+        None, "Diffusion coefficient of the particles, length^2 / time (default: lags are in units of 1/(D k^2)).",
     ),
     mode: Literal["transmission", "reflection"] = option("transmission", "Side of the views."),
     paths: int = option(200_000, "Random paths to trace.", min=1),
@@ -165,7 +166,7 @@ def memory_effect_command(
     media: dict[str, Any]
     if scene is not None:
         _require_unsaid(context, scene, "memory-effect", (*_OF_THE_MEDIUM, "material", "wavelength", "thickness"))
-        require_left_out("memory-effect", "with --scene, which says how its medium moves", diffusion=diffusion)
+        require_left_out("memory-effect", "with --scene, which states the motion of its medium", diffusion=diffusion)
         built = scene_in(scene)
         media, wavelength = {scene.stem: built.medium}, built.wavelength
     elif material is not None:
@@ -180,7 +181,7 @@ def memory_effect_command(
             for value in (g or [0.9])
         }
     if lags is not None and scene is None and not all("motion" in type(each).model_fields for each in media.values()):
-        reject("--lags", "left out of thin screens, which do not move by themselves", lags)
+        reject("--lags", "left out for thin screens, which do not move by themselves", lags)
     writable(out)
     if lags is not None:
         unit = (wavelength / (2 * np.pi)) ** 2
@@ -259,7 +260,7 @@ def _half_width(curve: "MemoryEffect") -> str:
         f"stays above 1/2 up to {tilts[-1]:g} degrees"
     )  # fmt: skip
     errors = curve.standard_error[np.isfinite(curve.standard_error)]
-    worst = f"{errors.max():.2g}" if len(errors) else "unknown from so few paths"
+    worst = f"{errors.max():.2g}" if len(errors) else "unknown: too few paths"
     return f"C_I {half}; largest standard error {worst}"
 
 
@@ -276,12 +277,12 @@ def reflectance(
     optical_depth: OpticalDepth = 10.0,
     g: float = option(0.9, "Anisotropy of scattering, -1 < g < 1.", "--g"),
     albedo: Albedo = 1.0,
-    index: float = option(1.0, "Refractive index of the slab, in air; 1 for matched faces."),
-    angle: Annotated[float, DEGREE] = option(0.0, "Of the light from the normal, in air, degrees."),
-    paths: int | None = option(None, "Random paths to walk (default 100000).", min=1),
+    index: float = option(1.0, "Refractive index of the slab, in air; 1: index-matched."),
+    angle: Annotated[float, DEGREE] = option(0.0, "Angle of incidence in air, degrees."),
+    paths: int | None = option(None, "Number of random paths (default 100000).", min=1),
     rel_error: float | None = option(None, "Instead of --paths: largest error of a share."),
     seed: Seed = 0,
-    out: Path | None = option(None, "A CSV for the light over the angle."),
+    out: Path | None = option(None, "CSV to write: light over angle."),
     as_json: AsJson = False,
 ) -> None:
     """Print the reflectance, transmittance and absorptance of a slab, with errors."""

@@ -22,13 +22,13 @@ Store = Annotated[str, typer.Argument(help="Folder of a store, or its address (s
 
 def generate(
     recipe: RecipeName,
-    out: str = option(..., "Folder of the store, or an address (s3://bucket/a.zarr); filled up if it is there."),
-    samples: int | None = option(None, "Samples (default: an epoch of the split).", min=1),
+    out: str = option(..., "Folder of the store, or an address (s3://bucket/a.zarr); an existing store is continued."),
+    samples: int | None = option(None, "Number of samples (default: an epoch of the split).", min=1),
     split: Split = "train", seed: Seed = 0, changes: Set = None, images: Images = None, objects: Objects = None,
     processes: int | None = option(None, "Worker processes (default: all cores).", min=1),
-    shard_range: str = option("0/1", "Do part I of N, for N machines with one folder.", metavar="I/N"),
+    shard_range: str = option("0/1", "Render part I of N: N machines share one folder.", metavar="I/N"),
     cluster: str | None = option(None, "Render on a Dask cluster, by its scheduler's address.", metavar="ADDRESS"),
-    anyway: bool = option(False, "Begin without room for all on the disk, or for months."),
+    anyway: bool = option(False, "Start even if the disk is too small or the time is months."),
 ) -> None:  # fmt: skip
     """Fill a zarr store with samples of a recipe; run it again to go on where it stopped."""
     from specklegen.datasets.store.estimate import foreseen
@@ -91,7 +91,7 @@ def _part(shard_range: str) -> tuple[int, int]:
 
 def preview(
     what: RecipeOrStore,
-    samples: int = option(6, "How many samples to show.", min=1, max=100),
+    samples: int = option(6, "Number of samples to show.", min=1, max=100),
     split: Split = "train", seed: Seed = 0, changes: Set = None, images: Images = None,
     out: Path = option(Path("preview.png"), "PNG to write."),
 ) -> None:  # fmt: skip
@@ -119,7 +119,7 @@ def info(folder: Store) -> None:
 
 def verify(
     folder: Store,
-    repair: str | None = option(None, "Render again what is damaged or missing.", metavar="RECIPE"),
+    repair: str | None = option(None, "Render damaged and missing shards again.", metavar="RECIPE"),
     changes: Set = None, images: Images = None, as_json: AsJson = False,
 ) -> None:  # fmt: skip
     """Check every shard of a store against its checksum; exit status 1 if one is damaged or unfinished."""
@@ -168,14 +168,14 @@ def _first_few(numbers: tuple[int, ...]) -> str:
 def export(
     folder: Store,
     out: Path = option(..., "Folder to write to."),
-    format: Literal["npy", "png", "parquet"] = option("npy", "Kind of files."),
-    samples: int | None = option(None, "The first so many (default: all).", min=1),
+    format: Literal["npy", "png", "parquet"] = option("npy", "Format of the files."),
+    samples: int | None = option(None, "Number of samples, from the first (default: all).", min=1),
 ) -> None:
     """Write samples of a store as files that every program reads."""
     from specklegen.datasets import SpeckleCache
     from specklegen.datasets.loading.export import export as write
 
     if samples is not None and samples > (there := len(SpeckleCache(folder))):
-        reject("--samples", f"at most {there}, which the store has", samples)
+        reject("--samples", f"at most {there}, the samples of the store", samples)
     written = write(folder, out, format, None if samples is None else range(samples))
     typer.echo(f"{counted(len(written), 'file')} in {out}")

@@ -49,24 +49,26 @@ TrainingOptions = Annotated[
 def train(
     training: TrainingOptions,
     what: RecipeOrStore,
-    out: Path = option(..., "Folder of the run; a stopped run goes on."),
-    validation: Path | None = option(None, "Store of other media (needed with a store; a recipe has a split for it)."),
-    validation_samples: int = option(256, "Of a recipe's validation split.", min=1, max=MOST_KEPT),
+    out: Path = option(..., "Folder of the run; a stopped run is resumed."),
+    validation: Path | None = option(None, "Store of other media to validate on (needed if training data is a store)."),
+    validation_samples: int = option(256, "Number of validation images of a recipe.", min=1, max=MOST_KEPT),
     start: str | None = option(
-        None, "Model (best.pt) whose weights to begin with, or packaged; what it is decides --network, --width, "
+        None, "Model (best.pt) to start from, or packaged; it fixes --network, --width, "
         "--input and --target.", metavar="MODEL",
     ),
-    seconds: float | None = option(None, "Time to spend by the clock, everything included (by default: all epochs)."),
+    seconds: float | None = option(None, "Wall-clock budget, setup and validation included (default: all epochs)."),
     law: bool = option(
-        False, "Draw training samples from the law of images instead of rendering them: of recipes with one image of "
-        "a hidden object, with --input periodogram. Validation images are rendered.", "--law",
+        False, "Draw training samples from the statistical law of images instead of rendering them. Needs a recipe "
+               "with "
+        "one image of a hidden object, and --input periodogram. Validation images are rendered.", "--law",
     ),
     workers: int = option(0, "Processes that render a stream.", min=0, max=1024),
     cache: str | None = option(
-        None, "Store, or its address, that a stream is written to and read from in later runs.", metavar="FOLDER",
+        None, "Folder or address of a store that keeps the stream for later runs.", metavar="FOLDER",
     ),
-    media_group: int = option(8, "Samples of a stream that share a medium, where each has one of its own.", min=1),
-    device: str = option("cpu", "Torch device; without --workers it renders the stream, too, but not --law."),
+    media_group: int = option(8, "Samples of a stream that share a medium, if each has its own in the recipe.", min=1),
+    device: str = option("cpu", "Torch device for training; without --workers it also renders the stream (not with "
+                                "--law)."),
     changes: Set = None,
     images: Images = None,
     objects: Objects = None,
@@ -82,10 +84,13 @@ def train(
     --learning-rate 1e-3 --out runs/label
     """
     begun = time.perf_counter()
-    typer.echo(f"Training on {what}: rendering validation images, then scoring the untrained network on them.")
     checked_device("--device", device)
     if seconds is not None and not seconds > 0:
         reject("--seconds", "greater than 0", seconds)
+    if (stored := is_store(what)) and validation is None:
+        reject("train --validation", "given if training data is a store", validation,
+               "Generate one: `specklegen generate RECIPE --split validation`.")  # fmt: skip
+    typer.echo(f"Training on {what}: rendering validation images, then scoring the untrained network on them.")
     writable(out)
     from specklegen.models.judging.beside import STARTED, UNTRAINED, Beside
     from specklegen.models.learning.examples import batches_of
@@ -94,9 +99,8 @@ def train(
 
     first = None if start is None else _model(start, training, device)
     settings = Training(**training | _kind_of(first))
-    if is_store(what):
-        if validation is None:
-            reject("train --validation", "given with a store", validation, "Generate one with --split validation.")
+    if stored:
+        assert validation is not None
         reason = "with a store, which has its recipe"
         require_left_out("train", reason, set=changes, images=images, objects=objects, law=law, cache=cache)
         material = _of_stores(Path(what), validation, settings)
@@ -105,7 +109,7 @@ def train(
         recipe = (load_hidden if settings.of_objects else load)(what, changes, images, objects)
         until = None if seconds is None else begun + _PREPARING * seconds
         if law and settings.input != "periodogram":
-            reject("train --input", "periodogram with --law, which draws nothing else", settings.input)
+            reject("train --input", "periodogram with --law, which draws only periodograms", settings.input)
         if law:
             require_left_out("train", "with --law, whose samples are not rendered", cache=cache)
         shown = _shown(recipe, media_group, law)
@@ -147,7 +151,7 @@ def _model(path: str, asked: dict[str, Any], device: str) -> "Reconstructor":
     model = load_pretrained(device) if path == PACKAGED else Reconstructor.load(path, device)
     for name, has in _kind_of(model).items():
         if asked[name] not in (Training.model_fields[name].default, has):
-            reject(f"train --{name}", f"that of the model to start from ({has}), or left out", asked[name])
+            reject(f"train --{name}", f"left out, or that of the model to start from ({has})", asked[name])
     return model
 
 

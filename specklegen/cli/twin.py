@@ -9,12 +9,12 @@ from specklegen.cli.settings import argument, option
 
 def twin(
     photographs: list[str] = argument(..., "Files, folders or patterns of frames."),
-    setup: str | None = option(None, "Recipe to compare with; else speckle of one point is fitted."),
-    images: int = option(64, "How many images, or stacks, to simulate."),
+    setup: str | None = option(None, "Recipe to compare with (default: speckle of one point, fitted)."),
+    images: int = option(64, "Number of images, or stacks, to simulate."),
     dark: str | None = option(None, "Frames without light, or the black level in counts."),
     envelope: str | None = option(None, "\"fit\", or an image of the light's envelope."),
-    points: bool = option(False, "Pixels are points, as those of most simulations.", "--points"),
-    seed: int = option(0, "Of the simulated images."),
+    points: bool = option(False, "Treat pixels as points, as most simulations do.", "--points"),
+    seed: int = option(0, "Random seed of the simulated images."),
     out: Path | None = option(None, "TOML to write: the recipe, with intervals."),
     picture: Path | None = option(None, "PNG to write: your image beside ten simulated ones."),
     as_json: AsJson = False,

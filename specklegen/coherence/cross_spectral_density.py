@@ -75,7 +75,7 @@ def gaussian_schell_model(
     amplitude = np.ones(x.size) if amplitude is None else amplitude
     amplitude = finite_numbers("gaussian_schell_model amplitude", amplitude)
     if amplitude.shape != x.shape:
-        reject("gaussian_schell_model amplitude", f"{x.size} numbers, one a position", amplitude.shape)
+        reject("gaussian_schell_model amplitude", f"{x.size} numbers, one for each position", amplitude.shape)
     spacing = np.diff(np.sort(x)).max(initial=0.0)
     if spacing > coherence_length / 2:
         warnings.warn(
@@ -176,7 +176,7 @@ def _eigenvalues_falling(field: str, W0: np.ndarray) -> tuple[np.ndarray, np.nda
         reject(field, "Hermitian", W0)
     eigenvalues, modes = np.linalg.eigh(W0)
     if eigenvalues[0] < -_ROUNDING * max(eigenvalues.sum(), 0):
-        remedy = "A cross-spectral density has no negative power in any mode."
+        remedy = "A cross-spectral density has no mode of negative power."
         reject(field, f"positive semidefinite to {_ROUNDING:g} of its trace", eigenvalues[0], remedy)
     return np.maximum(eigenvalues[::-1], 0), modes[:, ::-1]
 
@@ -322,7 +322,7 @@ def sample_fields(
     n = whole_number("sample_fields n", n, 1)
     W0 = finite_numbers("sample_fields W0", W0)
     require_memory(
-        "sample_fields n", "held", 48.0 * n * W0.size**0.5, f"{n} fields", "Draw fewer at a time.", share=0.9
+        "sample_fields n", "held", 48.0 * n * W0.size**0.5, f"{n} fields", "Draw fewer fields at a time.", share=0.9
     )  # fmt: skip
     choice("sample_fields method", method, ("kl", "copula"))
     random = np.random.default_rng(np.random.SeedSequence([whole_number("sample_fields seed", seed)]))
@@ -336,7 +336,7 @@ def sample_fields(
 def _copula_angles(W0: np.ndarray, turns: float) -> np.ndarray:
     """Angles beta with |mu| = exp{-(2 pi m)^2 [1 - cos(beta_i - beta_j)]}, from neighbouring points."""
     if not turns >= 0.3:
-        remedy = "Phases of less spread leave the fields a mean."
+        remedy = "Phases of smaller spread give fields with a mean."
         reject("sample_fields phase_turns", "at least 0.3", turns, remedy)
     degree = spectral_degree_of_coherence(W0)
     nearest = np.real(np.diagonal(degree, 1))
@@ -440,7 +440,8 @@ def intensity_from_modes(G: np.ndarray, modes: np.ndarray, eigenvalues: np.ndarr
     modes = finite_numbers("intensity_from_modes modes", modes, 2)
     power = finite_numbers("intensity_from_modes eigenvalues", eigenvalues, 1)
     if power.shape != modes.shape[1:] or not (power >= 0).all():
-        reject("intensity_from_modes eigenvalues", f"{modes.shape[1]} powers of at least 0, one a mode", eigenvalues)
+        reject("intensity_from_modes eigenvalues", f"{modes.shape[1]} powers of at least 0, one for each mode",
+               eigenvalues)
     fields = _behind("intensity_from_modes", G, "modes", modes) @ (modes * np.sqrt(power))
     return np.sum(np.real(fields) ** 2 + np.imag(fields) ** 2, axis=-1)
 

@@ -191,8 +191,9 @@ class CylindricalFocus(Value):
             reject("CylindricalFocus.detector.z", rule, nearest, "Place every pixel behind the lens.")
         farthest = self.half_aperture + self.focal_length + float(np.abs(self.detector.z).max())
         if self.wavelength < _FINEST * farthest:
-            rule = f"at least {_FINEST:g} of the longest way, {_FINEST * farthest:.3g}"
-            reject("CylindricalFocus.wavelength", rule, self.wavelength, "Phases beyond lose their digits.")
+            rule = f"at least {_FINEST:g} of the longest distance, {_FINEST * farthest:.3g}"
+            reject("CylindricalFocus.wavelength", rule, self.wavelength,
+                   "Phases of longer distances lose their precision.")
         return self
 
     @property
@@ -238,7 +239,7 @@ class CylindricalFocus(Value):
         derivative = flag("CylindricalFocus.physical_optics derivative", derivative)
         measurement = flag("CylindricalFocus.physical_optics measurement", measurement)
         if derivative and measurement:
-            remedy = "Ask for one of them; flux_weighted_csd needs measurement=False in both."
+            remedy = "Set one of the two to False; flux_weighted_csd needs measurement=False in both."
             reject("CylindricalFocus.physical_optics measurement", "False with derivative=True", True, remedy)
         k, f, xs = self.wavenumber, self.focal_length, self.source_x
         x, z = self.detector.x[:, None], self.detector.z[:, None]

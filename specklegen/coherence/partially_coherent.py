@@ -345,7 +345,7 @@ def finite_path_excess(
     shift = real_number("finite_path_excess shift", shift)
     if not math.isfinite(shift):
         reject("finite_path_excess shift", "finite", shift)
-    require_memory("finite_path_excess samples", "held", 500 * samples, f"{samples} paths", "Ask for fewer.", share=0.9)
+    require_memory("finite_path_excess samples", "held", 500 * samples, f"{samples} paths", "Use fewer.", share=0.9)
     tracer = slab_tracer(scene, False)
     seed = pilot_seed(scene.unitless_fingerprint())
     bank = tracer.trace(seed, samples, stream=Stream.PILOT, threads=threads)

@@ -89,7 +89,7 @@ class Budget:
     def __post_init__(self) -> None:
         if self.paths is not None:
             if self.rel_error is not None or self.seconds is not None:
-                reject("Budget.paths", "left out where rel_error or seconds is given", self.paths)
+                reject("Budget.paths", "left out if rel_error or seconds is given", self.paths)
             # Python's int: one of NumPy would have every kernel compiled again, for its type.
             object.__setattr__(self, "paths", whole_number("Budget.paths", self.paths, 1))
         for name, (least, most) in _BOUNDS.items():

@@ -99,7 +99,7 @@ class Admitted(Value):
             found = self.content_sha256[:12] or "none"
             reject(
                 f"{type(self).__name__} content", f"that of SHA-256 {str(stated)[:12]}", found,
-                "Its class has changed since this was written or sent: define it as it was, or make all of it anew.",
+                "Its class has changed since this was written or sent: restore the class, or make the object again.",
             )  # fmt: skip
 
     def __getstate__(self) -> dict[Any, Any]:

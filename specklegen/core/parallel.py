@@ -38,7 +38,7 @@ def thread_count(threads: int | None = None) -> int:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     from specklegen.core.arguments import whole_number
 
-    return whole_number("threads", threads, 1, MOST_THREADS, remedy="Leave it out to use every core.")
+    return whole_number("threads", threads, 1, MOST_THREADS, remedy="Leave it out to use all cores.")
 
 
 def slices(count: int, size: int) -> list[slice]:

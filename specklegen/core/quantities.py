@@ -283,13 +283,13 @@ class Reading:
         """Refuse parts in different units of length."""
         metres = {*self._units, *(mark.metres for _, mark in self._marks if mark.metres)}
         if len(metres) > 1:
-            reject(owner.rstrip(". "), "of parts in one unit of length", sorted(metres), "Give all of them the same.")
+            reject(owner.rstrip(". "), "given in one unit of length", sorted(metres), "Use one unit for all parts.")
 
     def unmeasured(self) -> list[tuple[Place, str, Any]]:
         """Return the numbers that lack a unit: place, rule, and value."""
         read = [(f'{dotted(place)} = "{text}"', quantity(text)) for place, text in self.texts.items()]
         beside = [(name, bool(each.length), bool(each.time)) for name, each in read if each]
-        beside += [(dotted(place) or "what it changes", each.lengths, each.times) for place, each in self._marks]
+        beside += [(dotted(place) or "the inherited recipe", each.lengths, each.times) for place, each in self._marks]
         lengths, times = ([each[0] for each in beside if each[power]] for power in (1, 2))
         unmeasured = []
         for each in self.bare:
@@ -418,7 +418,7 @@ def require_light(
 ) -> None:
     """Refuse parts of different physical scales, and a bare wavelength that is none of light in their unit."""
     if len(scales) > 1:
-        reject(owner.rstrip(". "), "of parts in one unit of length", sorted(scales), "Give all of them the same unit.")
+        reject(owner.rstrip(". "), "given in one unit of length", sorted(scales), "Use one unit for all parts.")
     (metres,) = scales
     for name, node in nodes.items():
         value = numbers.get(name) if node.dimension is not None and node.dimension.light else None
@@ -427,7 +427,7 @@ def require_light(
         if not is_trusted(made):
             unit = _NAMES.get(metres, f"units of {metres:g} m")
             low, high = (float(f"{end / metres:.6g}") for end in NEAR_LIGHT)
-            rule = f"from {low:g} to {high:g} beside a medium with a physical scale, which is in {unit}"
+            rule = f"from {low:g} to {high:g}, since the medium is given in {unit}"
             reject(f"{owner}{name}", rule, value, unit_remedy(value, metres), name)
 
 
@@ -516,7 +516,8 @@ def _nodes_of(function: Callable[..., Any]) -> Nodes:
     for name, annotation in function.__annotations__.items():
         if isinstance(annotation, str):
             try:
-                annotation = eval(annotation, inspect.unwrap(function).__globals__)  # noqa: S307 - of this package's own source
+                annotation = eval(annotation,
+                                  inspect.unwrap(function).__globals__)  # noqa: S307 - of this package's own source
             except NameError:  # imported for type checkers alone
                 continue
         node = node_of(annotation)

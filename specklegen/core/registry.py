@@ -56,7 +56,7 @@ def imported(field: str, path: str) -> Any:
     folder = Path(match["folder"] if match["folder"] is not None else ".").expanduser().resolve()
     file = _file_of(folder, match["module"])
     if file is None and match["folder"] is not None:
-        reject(field, f"of a module in {folder}", path, f"There is no {match['module']}.py.")
+        reject(field, f"the path of a module in {folder}", path, f"There is no {match['module']}.py.")
     if file is not None and str(folder) not in sys.path:
         sys.path.append(str(folder))
     try:
@@ -64,11 +64,11 @@ def imported(field: str, path: str) -> Any:
     except RuleError:
         raise
     except Exception as error:
-        reject(field, "of a module that can be imported", path, f"{type(error).__name__}: {error}.")
+        reject(field, "the path of a module that can be imported", path, f"{type(error).__name__}: {error}.")
     there = getattr(module, "__file__", None)
     if file is not None and (there is None or Path(there).resolve() != file):
-        reject(field, "of a module whose name no other has", path,
-               f"{match['module']} is {there or 'built in'} here: rename {file.name}.")  # fmt: skip
+        reject(field, "the path of a module with a unique name", path,
+               f"{match['module']} is already {there or 'built in'}: rename {file.name}.")  # fmt: skip
     if not hasattr(module, match["name"]):
         reject(field, f"a name that {match['module']} defines", path)
     return getattr(module, match["name"])
@@ -116,9 +116,9 @@ def _require_allowed(field: str, path: str) -> None:
         file = _file_of(Path(match["folder"]).expanduser().resolve(), match["module"])
         if Path(str(module.__file__)).resolve() == file:
             return
-    reject(field, "a name, where the file that holds it is not trusted", path,
-           "Its module would be imported, which runs its code. Read both; then say trusted=True in Python, "
-           "or `specklegen --trust COMMAND ...`.")  # fmt: skip
+    reject(field, "a plain name, since the file is not trusted", path,
+           "The import would run the code of the module. Read both files; then pass trusted=True in Python, "
+           "or run `specklegen --trust COMMAND ...`.")  # fmt: skip
 
 
 def _file_of(folder: Path, module: str) -> Path | None:
@@ -191,7 +191,8 @@ class Registry(Generic[T]):
         """
         known = self._members.get(name)
         if known is not None and _place(known) != _place(member):
-            reject(f"{self.what} name", f"one that no other {self.what} has", name, f"{_place(known)[0]} has it too.")
+            reject(f"{self.what} name", f"unique among names of {self.what}", name,
+                   f"{_place(known)[0]} has the same name.")
         self._members[name] = member
 
     def find(self, field: str, name: object, beside: Collection[str] = ()) -> T:
@@ -200,7 +201,7 @@ class Registry(Generic[T]):
             return self._members[name]
         if not is_import_path(name):
             reject(field, f"one of {', '.join([*beside, *self._members])}", name,
-                   'One of your own is known once its module is imported; or write "module:Name".')  # fmt: skip
+                   'For your own, import its module first, or write "module:Name".')  # fmt: skip
         member = imported(field, str(name))
         if not self._accepts(member):
             reject(field, f"the import path of a {self.what}", name, f"It is a {type(member).__name__}.")

@@ -21,14 +21,14 @@ def read_text(path: Path, field: str) -> str:
     """
     try:
         if not path.is_file():
-            reject(field, "a file that exists", str(path))
+            reject(field, "an existing file", str(path))
         if path.stat().st_size > LARGEST_TEXT:
-            reject(field, f"a text of at most {LARGEST_TEXT // 2**20} MiB", str(path))
+            reject(field, f"a text file of at most {LARGEST_TEXT // 2**20} MiB", str(path))
         return path.read_text(encoding="utf-8")
     except OSError as error:
         reject(field, "a readable file", str(path), str(error.strerror or error))
     except UnicodeDecodeError:
-        reject(field, "a text in UTF-8", str(path))
+        reject(field, "a text file in UTF-8", str(path))
 
 
 def toml_table(text: str, field: str) -> dict[str, Any]:

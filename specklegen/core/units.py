@@ -71,7 +71,8 @@ class Dimension:
             return f"{bare}, or an angle in {', '.join(RADIANS)}"
         if self == NUMBER:
             return "a plain number, without a unit"
-        names = {(1, 0): f"a length in {', '.join(METRES)}", (0, 1): f"a time in {', '.join(SECONDS)}"}
+        names = {(1, 0): f'a length in {", ".join(METRES)}, such as "0.5 mm"',
+                 (0, 1): f'a time in {", ".join(SECONDS)}, such as "0.5 ms"'}  # fmt: skip
         return names.get((self.length, self.time), f'a quantity such as "5 {self.unit}"')
 
     def example(self, value: Any) -> str:

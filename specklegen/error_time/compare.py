@@ -80,7 +80,8 @@ def compare(
     if not seconds > 0:
         reject("compare seconds", "greater than 0", seconds)
     if not len(scene.lights) or not len(scene.views):
-        reject("compare scene", "one with lights and views", f"{len(scene.lights)} lights, {len(scene.views)} views")
+        reject("compare scene", "a scene with lights and views",
+               f"{len(scene.lights)} lights, {len(scene.views)} views")
     probes = probes_of(scene)
     samplers = serving(scene, probes)
     for sampler in samplers:

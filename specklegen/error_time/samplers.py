@@ -95,7 +95,7 @@ def _check_plan(sampler: AnySampler, scene: Scene, probes: Probes) -> None:
 
 def _check_grid(scene: Scene, probes: Probes) -> None:
     if scene.sensor.regular_grid is None or plan(scene, paths=64, sampler="paths", threads=1).summation != "nufft":
-        reject("sampler", '"paths": it sums directly here as it is', "paths, direct sum")
+        reject("sampler", '"paths", which is the direct sum for this scene', "paths, direct sum")
 
 
 def _check_volume(scene: Scene, probes: Probes) -> None:

@@ -52,7 +52,7 @@ class State:
     mean_free_path: float = slider(100.0, "mean free path, µm", *_PATHS)
     lobe: str = slider("HenyeyGreenstein", "lobe", "HenyeyGreenstein", "VonMisesFisher")
     g: float = slider(0.9, "anisotropy g", *_COSINES)
-    refractive_index: float = slider(1.0, "refractive index, in air (1: no faces)", 1.0, 1.2, 1.33, 1.4, 1.5, 1.6)
+    refractive_index: float = slider(1.0, "refractive index, in air (1: index-matched)", 1.0, 1.2, 1.33, 1.4, 1.5, 1.6)
     second_thickness: float = slider(500.0, "thickness of the second layer, µm", *_THICKNESSES)
     second_mean_free_path: float = slider(50.0, "its mean free path, µm", *_PATHS)
     second_g: float = slider(0.8, "its anisotropy g", *_COSINES)
@@ -65,7 +65,7 @@ class State:
         "Glyphs", "object", *(each.__name__ for each in (Glyphs, Points, Bars, Strokes, Polygons, Blobs, Silhouettes)),
     )
     extent: float = slider(0.1, "width of the object, mrad", 0.02, 0.03, 0.04, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3)
-    iris: float = slider(5.0, "iris on the medium, mm", 0.5, 0.7, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0)
+    iris: float = slider(5.0, "aperture on the medium, mm", 0.5, 0.7, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0)
     object_distance: float = slider(200.0, "object to medium, mm", 50.0, 100.0, 200.0, 300.0, 500.0, 1000.0)
     object_width: float = slider(0.3, "width of the object, mm", 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 2.0)
     camera_distance: float = slider(100.0, "medium to camera, mm", 20.0, 50.0, 100.0, 150.0, 200.0, 300.0, 500.0)
@@ -125,7 +125,7 @@ def read(address: Mapping[str, str]) -> tuple[State, tuple[str, ...]]:
     chosen, remarks, begins = {}, [], State()
     for name, text in address.items():
         if name not in CONTROLS:
-            remarks.append(f"{name}: no control has that name; it is left out. Names are {', '.join(CONTROLS)}.")
+            remarks.append(f"{name} is no control and is ignored. Controls: {', '.join(CONTROLS)}.")
             continue
         control = CONTROLS[name]
         step, rule = _read(text, control.steps)

@@ -122,7 +122,7 @@ def verdict_html(found: Verdict) -> str:
         f"<li><strong>{html.escape(each.name)}</strong>: {html.escape(each.numbers)}. "
         f"Remedy: {html.escape(each.remedy)}.</li>" for each in found.reasons
     )  # fmt: skip
-    beyond = "".join(f" Caution: {name} is outside of what this was fitted on." for name in found.extrapolates)
+    beyond = "".join(f" Caution: {name} is outside the fitted range." for name in found.extrapolates)
     low, high = found.interval
     chance = f"probability {found.probability:.2f} ({low:.2f} to {high:.2f})"
     sentence = f"<p><strong>Phase retrieval {word}</strong>, {chance}.{beyond}</p>"

@@ -78,7 +78,7 @@ def sixteen(state: State) -> tuple[str, bytes]:
     np.savez_compressed(out, image=samples.images, object=samples.objects)
     sheets = {"sixteen camera images": samples.images, "their objects": samples.objects}
     pictures = (drawing.picture(drawing.png(drawing.sheet(each)), name) for name, each in sheets.items())
-    body = f"<p>{samples.rate:.3g} samples a second, on this machine as busy as it was.</p>" + "".join(pictures)
+    body = f"<p>{samples.rate:.3g} samples a second, on this machine, at its present load.</p>" + "".join(pictures)
     return f'<div class="sg-panels">{drawing.panel("Sixteen samples", body, True)}</div>', out.getvalue()
 
 
@@ -123,10 +123,10 @@ def _tilt(state: State) -> str:
 def _moved(state: State) -> str:
     moved = shown.moved(state)
     now, then = moved.images
-    half = f"half way to its floor after {moved.fallen:.3g} ms" if np.isfinite(moved.fallen) else "still for ever"
+    half = f"half way to its floor after {moved.fallen:.3g} ms" if np.isfinite(moved.fallen) else "static"
     return (
         _pictures(
-            (now, "frame at first", "at first"), (then, "frame after the lag", f"after {state.lag:g} ms"),
+            (now, "first frame", "at first"), (then, "frame after the lag", f"after {state.lag:g} ms"),
             high=_high(moved.images),
         )
         + drawing.forgetting_svg(moved, state.lag)
@@ -140,7 +140,7 @@ def _moved(state: State) -> str:
 def _moving(state: State) -> str:
     if not recipe.of_glass(state):
         return "Brownian spheres of 0.5 µm in water."
-    alone = "The first glass is" if state.gap else "A lone glass keeps its pattern until it leaves the light; it is"
+    alone = "The first glass is" if state.gap else "A single glass keeps its pattern until it leaves the light; it is"
     return f"{alone} drawn across the light, {recipe.GLIDE:g} µm a millisecond."
 
 
@@ -154,7 +154,8 @@ def _analysed(state: State) -> str:
     return (
         _pictures(*images)
         + f"<p>One object in {state.analysers} light, particles of low contrast. What comes out has a degree of "
-        f"polarisation of {degree:.2f}; what the second analyser passes was turned on detours, and forgets sooner.</p>"
+        f"polarisation of {degree:.2f}; light behind the second analyser took longer paths, and decorrelates "
+        "sooner.</p>"
     )
 
 

@@ -248,7 +248,7 @@ def shown_of(state: State) -> Any:
     if state.view == "a lens" and of_glass(state):
         reject("medium", "a slab or layers, before a lens", state.medium, "A lens before a screen is not simulated.")
     if state.view == "polarisation" and state.medium != "slab":
-        reject("medium", "a slab, in polarised light", state.medium, "Thin screens keep polarisation as it is."
+        reject("medium", "a slab, in polarised light", state.medium, "Thin screens do not change polarisation."
                if of_glass(state) else "Polarised layers are not simulated by recipes.")  # fmt: skip
     return _recipe(_VIEWS[state.view], state)
 

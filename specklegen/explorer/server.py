@@ -17,7 +17,8 @@ def listening(port: int | None = None) -> socket.socket:
         return socket.create_server(("127.0.0.1", port or USUAL))
     except OSError as error:
         if port:
-            raise ToldError(f"port must be free; got {port}: {error.strerror}. Leave it out for any.") from error
+            raise ToldError(f"port must be free; got {port}: {error.strerror}. Leave the option out for "
+                            "a free port.") from error
     return socket.create_server(("127.0.0.1", 0))
 
 

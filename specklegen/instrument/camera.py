@@ -170,7 +170,7 @@ class Camera(Registered):
             return None
         if self.read_noise.shape != tuple(shape):
             reject("Camera.read_noise", f"one number, or a map of the shape of the frames, {tuple(shape)}",
-                   self.read_noise.shape, "Cut it to the part of the sensor that is used.")  # fmt: skip
+                   self.read_noise.shape, "Crop it to the used part of the sensor.")  # fmt: skip
         return self.read_noise
 
     @property

@@ -46,7 +46,7 @@ def read_frames(path: str | Path) -> np.ndarray:
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        raise ValueError(f"its name ends in none of {', '.join(SUFFIXES)}")
+        raise ValueError(f"its file type is none of {', '.join(SUFFIXES)}")
     frames = reader(path)
     if frames.ndim != 3 or frames.dtype.kind not in "buif" or not frames.size:
         there = f"{frames.dtype} of the shape {frames.shape}"
@@ -77,7 +77,7 @@ def _read_numpy(path: Path) -> np.ndarray:
 
 
 def _read_lossy(path: Path) -> np.ndarray:
-    raise ValueError("it is compressed with loss, which takes the noise: let the camera write TIFF, PNG or BMP")
+    raise ValueError("its compression is lossy, which changes the noise: save TIFF, PNG or BMP")
 
 
 def _read_video(path: Path) -> np.ndarray:

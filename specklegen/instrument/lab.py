@@ -134,11 +134,11 @@ class LabSetup(Value):
     def _check(self) -> Self:
         given = (self.camera_distance, self.focal_length, self.focus)
         if sum(each is not None for each in given) != 1:
-            reject("LabSetup.camera_distance", "given, or else focal_length, or focus, and not two of them", given)
+            reject("LabSetup.camera_distance", "the only one given of itself, focal_length and focus", given)
         lens = {"magnification": self.objective, "numerical_aperture": self.numerical_aperture}
         for name, number in lens.items():
             if (number is None) != (self.focus is None):
-                reject(f"LabSetup.{name}", "given with a focus, and only with it", number)
+                reject(f"LabSetup.{name}", "given if focus is given, else left out", number)
         lengths = [name for name in nodes_of(LabSetup) if name != "bandwidth"]  # which may be 0
         require_range({f"LabSetup.{name}": abs(getattr(self, name) or 0.0) for name in lengths})
         self._check_sampling()
@@ -189,8 +189,8 @@ class LabSetup(Value):
             Of an objective, and with it all that only the far field has.
         """
         if self.focus is not None:
-            reject("LabSetup.focus", "left out where the far field is asked for", self.focus,
-                   "An objective images a plane near the layer: scene() serves it.")  # fmt: skip
+            reject("LabSetup.focus", "left out for the far field", self.focus,
+                   "An objective images a plane near the layer: use scene().")  # fmt: skip
         return self.camera_distance or self.focal_length or math.nan
 
     @property
@@ -204,7 +204,7 @@ class LabSetup(Value):
             return unit
         rule = "that of light, in nanometres, micrometres, millimetres or metres"
         reject("LabSetup.wavelength", rule, self.wavelength,
-               "A material that is given by its name needs to know the unit of length.")  # fmt: skip
+               "A material given by name needs the unit of length.")  # fmt: skip
 
     @property
     def layer_faces(self) -> Faces:
@@ -311,8 +311,8 @@ class LabSetup(Value):
             medium = medium.replace(faces=self.layer_faces) if medium.faces.matched else medium
         elif not self.layer_faces.matched:
             warn_user(
-                f"LabSetup.scene: the step to the refractive index {self.refractive_index:g} bends light but does not "
-                f'reflect it at a {medium.type}. Use a Slab, or faces="matched".',
+                f"LabSetup.scene: at the refractive index {self.refractive_index:g} refraction is modelled, but "
+                f'not reflection, for a {medium.type}. Use a Slab, or faces="matched".',
             )  # fmt: skip
         cells = real_array("LabSetup.scene brightness", brightness)
         if cells.ndim != 2:

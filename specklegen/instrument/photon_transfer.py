@@ -196,7 +196,7 @@ def fit_camera(pairs: Sequence[ArrayLike], dark: ArrayLike, *, bit_depth: int | 
     """
     black = _checked("fit_camera dark", dark)
     if len(black) < 2:
-        reject("fit_camera dark", "at least two frames", len(black), "Noise is the difference of two.")
+        reject("fit_camera dark", "at least two frames", len(black), "Noise is computed from the difference of two.")
     try:
         bright = [_checked("fit_camera pairs", pair) for pair in iter(pairs)]
     except TypeError:  # numbers, and arrays without dimensions
@@ -228,7 +228,7 @@ def fit_camera(pairs: Sequence[ArrayLike], dark: ArrayLike, *, bit_depth: int | 
     return _fitted(levels, dark_level, knee, bits, doubts)
 
 
-_SINGLE = "One frame's own variance is that of the light: take two of one light, one after the other."
+_SINGLE = "The variance of one frame includes that of the light: take two at one light level, one after the other."
 
 
 class _Dark(NamedTuple):
@@ -252,7 +252,8 @@ def _checked(field: str, frames: ArrayLike) -> np.ndarray:
         remedy = _SINGLE if array.ndim == 2 else ""
         reject(field, "of shape (frames, rows, columns), at least 16 x 16 pixels", array.shape, remedy)
     if np.iscomplexobj(array) or not np.isfinite(counts).all() or (counts < 0).any() or (counts % 1).any():
-        reject(field, "raw counts: whole numbers of at least 0", array, "Scaled pictures have lost their noise's unit.")
+        reject(field, "raw counts: whole numbers of at least 0", array,
+               "The noise of scaled pictures has no known unit.")
     return counts
 
 
@@ -262,7 +263,7 @@ def _require_single_steps(bright: list[np.ndarray]) -> None:
     if step > 1:
         reject(
             "fit_camera pairs", "counts in steps of 1", f"steps of {step}",
-            f"They were stretched or shifted when they were written: divide pairs and dark frames by {step}.",
+            f"They were scaled or shifted when saved: divide pairs and dark frames by {step}.",
         )  # fmt: skip
 
 
@@ -270,14 +271,15 @@ def _dark(black: np.ndarray, doubts: list[str]) -> _Dark:
     frames, *shape = black.shape
     cut = float((black == 0).mean())
     if cut > _CLIPPED and black.any():
-        reject("fit_camera dark", "of a black level at which none is cut off at 0", f"{100 * cut:.3g} % of pixels at 0",
+        reject("fit_camera dark", "of a black level high enough that no pixel is at 0",
+               f"{100 * cut:.3g} % of pixels at 0",
                "Raise the camera's offset (black level).")  # fmt: skip
     good = ~hot_in_dark(black)
     hot = int((~good).sum())
     if hot > _MOST_HOT * good.size:
-        reject("fit_camera dark", "without light", f"{hot} of {good.size} pixels far off", "Cover the lens.")
+        reject("fit_camera dark", "without light", f"{hot} of {good.size} pixels far from the mean", "Cover the lens.")
     if hot:
-        doubts.append(f"{counted(hot, 'hot pixel')} left out, by the dark frames")
+        doubts.append(f"{counted(hot, 'hot pixel')} left out, found in the dark frames")
     kept = black[:, good]
     variance = float(kept.var(axis=0, ddof=1).mean())
     free = (frames - 1) * kept.shape[1]
@@ -347,7 +349,7 @@ def _fitted(levels: list[Level], dark: _Dark, knee: Knee | None, bits: int, doub
     if len(used) < _FEWEST_LEVELS or used[-1].mean < 1.5 * used[0].mean:
         held = f"{counted(len(used), 'level')} without"
         reject("fit_camera pairs", f"{_FEWEST_LEVELS} levels without a saturated pixel, 1.5 times apart", held,
-               "Take darker pairs too.")  # fmt: skip
+               "Add darker pairs.")  # fmt: skip
     mean, variance, _, ratio, _ = np.array([level[:5] for level in used]).T
     design = np.stack([mean * (1 + ratio) / 2, (1 + ratio**2) / 2], axis=1)
     if dark.variance > _ROUNDED:

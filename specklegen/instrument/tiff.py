@@ -37,10 +37,11 @@ def read_tiff(path: Path, most_pixels: int, lossless: bool = False) -> np.ndarra
         types = {str(each.dtype) for each in series}
         if len(shapes) != 1 or len(types) != 1:
             raise ValueError(f"its pages have the shapes {sorted(shapes)} and the types {sorted(types)}, not one of "
-                             "either: write each measurement to a file of its own")  # fmt: skip
+                             "each: save each measurement to its own file")  # fmt: skip
         compressions = {int(each.keyframe.compression) for each in series}
         if lossless and not compressions <= _LOSSLESS:
-            raise ValueError(f"it is compressed by a method (TIFF number {max(compressions)}) that may lose noise")
+            raise ValueError(f"its compression (TIFF number {max(compressions)}) may be lossy: save without "
+                             "compression")
         shape = shapes.pop()
         pages = sum(prod(each.shape) for each in series) // prod(shape)
         require_small(pages * prod(shape[:2]), most_pixels)

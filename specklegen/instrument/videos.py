@@ -42,7 +42,8 @@ def read_video(path: Path, most_pixels: int) -> np.ndarray:
         context = films[0].codec_context
         codec, pixels, size = context.name, str(context.pix_fmt), context.width * context.height
         if codec not in _LOSSLESS:
-            raise ValueError(f"its codec {codec} loses noise: let the camera write raw or FFV1 films, TIFF, PNG or BMP")
+            raise ValueError(f"its codec {codec} is lossy, which changes the noise: save raw or FFV1 films, "
+                             "TIFF, PNG or BMP")
         require_small(size, most_pixels)
         for frame in film.decode(video=0):
             grey = frame.to_ndarray() if pixels in _GREY else _of_equal_colours(frame, pixels)

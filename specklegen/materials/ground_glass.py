@@ -12,7 +12,8 @@ def make(wavelength: float, micrometre: float, *, grit: float) -> GroundGlass:
 GROUND_GLASS = Preset(
     "ground-glass", "ground glass in air by its grit: a thin medium", (0.3, 2.5),
     {"grit": Number(220, min(GRITS), max(GRITS), "", f"of the abrasive, one of {', '.join(map(str, GRITS))}",
-                    "Roughness and width of the lobe of each grit: docs/screens.md", Checked.ASSUMED, tuple(GRITS))},
+                    "Roughness and angular width of the scattered light of each grit: docs/screens.md", Checked.ASSUMED,
+                    tuple(GRITS))},
     ("No maker prints a roughness: right within a factor of 1.5 in the angle and 2 in the height",),
-    make, "Measure the width of the lobe and use GroundGlass(angle=) where it matters.",
+    make, "For precise work measure the angular width, and use GroundGlass(angle=).",
 )  # fmt: skip

@@ -30,6 +30,6 @@ INTRALIPID = Preset(
      "van Staveren et al., Applied Optics 30, 4507 (1991), for Intralipid-10 %: mu_s = 16 lambda^-2.4 / mm, "
      "g = 1.1 - 0.58 lambda, lambda in micrometres (read in works that cite it): for the same fat 28 % more mu_s at "
      "633 nm and the same mu_s (1 - g) within 1 %"),
-    make, "Lobes of the measured g, of a family that is a choice: the droplets' own are those of intralipid-mie. The "
+    make, "Phase functions of the measured g from a chosen family; intralipid-mie has those of the droplets. The "
     "absorption of water is left out; above a tenth the droplets screen each other.", LOBES,
 )  # fmt: skip

@@ -161,7 +161,8 @@ def _half_range(slab: Slab, paths: int) -> float:
     require_walkable("materials.memory_range", slab, paths)
     correlation = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
     if not correlation.weights.any():
-        reject("materials.memory_range paths", "enough for some light to come through", paths, "Or thin the layer.")
+        reject("materials.memory_range paths", "enough that some light is transmitted", paths,
+               "Or use a thinner layer.")
     return correlation.half_range() * slab.thickness
 
 

@@ -91,7 +91,7 @@ def get(
     unit = positive_number("materials.get unit", unit)
     for field, value in numbers.items():
         if field not in preset.numbers:
-            reject(f"materials.get({name!r})", f"given numbers among {', '.join(preset.numbers)}", field)
+            reject(f"materials.get({name!r})", f"given numbers of {', '.join(preset.numbers)}", field)
         known = preset.numbers[field]
         if not 0 <= real_number(f"materials.get({name!r}) {field}", value) < np.inf:
             reject(f"materials.get({name!r}) {field}", "a finite number of at least 0", value)
@@ -99,7 +99,7 @@ def get(
             warn_user(f"materials.get({name!r}) {field} = {value:g} lies outside {known.low:g} to {known.high:g}: "
                       f"{known.source}.")  # fmt: skip
         if idle := numbers.keys() & set(known.computed_from):
-            reject(f"materials.get({name!r}) {field}", f"left out where {min(idle)} is given", value,
+            reject(f"materials.get({name!r}) {field}", f"left out if {min(idle)} is given", value,
                    f"It is computed from {', '.join(known.computed_from)}, or given.")  # fmt: skip
     require_measured(name, wavelength, numbers)
     given = {field: number.default for field, number in preset.left_open(numbers).items()} | numbers
@@ -110,7 +110,7 @@ def get(
         return material
     extinction = material.scattering + material.absorption
     if not extinction > 0:
-        reject(f"materials.get({name!r})", "given numbers that scatter light", given)
+        reject(f"materials.get({name!r})", "given numbers with which it scatters light", given)
     scatterer = marked(material.scatterer.model_copy(), Mark(unit))  # which says the unit of all that is made of it
     return BulkMaterial(name=name, scatterer=scatterer, mean_free_path=micrometre / extinction,
                         albedo=material.scattering / extinction, refractive_index=material.refractive_index,
@@ -130,7 +130,7 @@ def known_lobe(name: str, lobe: str) -> str:
     """Return a family of phase functions that a preset may have."""
     lobes = about(name).lobes
     if not lobes:
-        reject(f"materials.get({name!r}) lobe", "left out: its particles leave no choice", lobe)
+        reject(f"materials.get({name!r}) lobe", "left out, since its particles determine the phase function", lobe)
     return choice(f"materials.get({name!r}) lobe", lobe, lobes)
 
 

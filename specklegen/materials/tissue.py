@@ -66,7 +66,8 @@ def _numbers(
 
 def _tissue(name: str, summary: str, numbers: Mapping[str, Number], *more: str, doubts: str = "") -> Preset:
     left_out = (
-        "Lobes of one of two families; those of tissues lie between them at small angles. Fat, bilirubin and what else "
+        "Phase functions of one of two families; those of tissues lie between them at small angles. Fat, bilirubin "
+        "and what else "
         "absorbs beside blood and water are left out."
     )
     references = (_JACQUES + ": read in the source", *more)
@@ -110,7 +111,7 @@ MUSCLE = _tissue(
 
 _CITED = "Jacques (2013), table 1, as cited in a program of Monte Carlo transport through skin"
 _BASHKATOV = "Bashkatov, Genina, Kochubey and Tuchin, Journal of Physics D 38, 2543 (2005)"
-_LEFT = "Layers of it say no index: steps between them are left out unless they are given theirs."
+_LEFT = "Its layers have no index: refraction between them is left out unless you give indices."
 
 
 def _layer_of_skin(

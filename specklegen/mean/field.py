@@ -69,15 +69,16 @@ def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
         reject("mean_field scene.illumination", "CollimatedBeams, PlaneWaves or PointSources", lights.type)
     if scene.illumination.focused:
         beams = mean_field(scene.replace(illumination=scene.beams), most_nodes=most_nodes)
-        return np.tensordot(scene.illumination.amplitudes(scene.wavelength), beams, axes=1)  # type: ignore[attr-defined]
+        return np.tensordot(scene.illumination.amplitudes(scene.wavelength), beams,
+                            axes=1)  # type: ignore[attr-defined]
     if scene.sensor.focused:
         lens = lens_of(scene)
         return lens.image(mean_field(lens.pupil_scene, most_nodes=most_nodes))
     counts = len(scene.lights), math.prod(scene.sensor.shape)
     require_memory("mean_field scene", "of a field that is held", 32.0 * math.prod(counts) + _VIEW_BYTES * counts[1],
-                   f"{counts[0]} lights, {counts[1]} views", "Take fewer views at a time.", share=0.9)  # fmt: skip
+                   f"{counts[0]} lights, {counts[1]} views", "Use fewer views at a time.", share=0.9)  # fmt: skip
     took = 1e-9 * _NANOSECONDS * math.prod(counts)
-    require_time("mean_field scene", took, f"{counts[0]} lights, {counts[1]} views", "Take fewer views.")
+    require_time("mean_field scene", took, f"{counts[0]} lights, {counts[1]} views", "Use fewer views.")
     if scene.sensor.near or lights.near:
         field = _rays(scene)
     elif not scene.medium.has_sides:  # of plane waves it would have no far field

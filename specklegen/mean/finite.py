@@ -54,7 +54,7 @@ def forward_ratio(scatterer: Scatterer, cosines: np.ndarray, dimension: int) -> 
         if forward == 0:
             reject(
                 "mean_field scatterer's amplitude", "other than 0 forward", f"{particle.type} with s(1) = 0",
-                "By the optical theorem such a particle takes nothing out of a wave, so it has no coherent field.",
+                "By the optical theorem such a particle does not attenuate a wave, so the mean field is undefined.",
             )  # fmt: skip
         ratio += share * particle.amplitude(cosines, space) / forward
     return ratio
@@ -116,4 +116,4 @@ def _sum(scene: Scene, light: np.ndarray, nodes: Nodes, shapes: np.ndarray) -> t
 
 def _refuse(most: float, got: str) -> NoReturn:
     reject("mean_field", f"an integral of at most {most:.2g} nodes over the lights and views asked for", got,
-           "Ask for fewer views or lights, for views nearer to the light, or for a smaller medium.")  # fmt: skip
+           "Use fewer views or lights, views nearer to the light, or a smaller medium.")  # fmt: skip

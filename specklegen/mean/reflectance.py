@@ -156,7 +156,7 @@ def reflectance_transmittance(
     """
     owner = "reflectance_transmittance"
     budget = budget_of(owner, budget, fields, unused=("reverse", "tolerance"))
-    require_medium(f"{owner} medium", medium, "Thin screens let all light through; of a Scene give its medium.")
+    require_medium(f"{owner} medium", medium, "Thin screens transmit all light; for a Scene give its medium.")
     require_scalar(f"{owner} medium", medium)
     if medium.dimension == 2:
         reject(f"{owner} medium", "of three dimensions", medium, "In flatland there are no solid angles.")

@@ -18,11 +18,11 @@ from specklegen.theory.phase_screens import scattered_intensity
 _BLOCK = 64  # nearest rows and columns in which the rings of a disc are looked for
 _MEAN = "mean (ballistic) field"
 _NO_BALLISTIC_IMAGE = (
-    "{} light reaches {:.2g} times its speckle's intensity at some view: a camera blocks it or looks beside it"
+    "{} light reaches {:.2g} times its speckle's intensity at some view: block it, or use views beside it"
 )
 _WHOSE = {
-    "IncoherentObject": "the object's ballistic image is not modelled, though each pixel's",
-    "CollimatedBeams": "light that does not scatter is no part of an exposure, though each beam's",
+    "IncoherentObject": "the ballistic image of the object is not modelled, only that of each pixel",
+    "CollimatedBeams": "unscattered light is not in an exposure, but in that of each beam",
 }
 _CHEAP = 1e6  # quadrature nodes of a mean field that is only judged: a tenth of a second
 
@@ -91,7 +91,7 @@ def _volume_mean_decision(scene: Scene, tolerance: float, reverse: bool) -> Deci
     try:
         strongest = cached_result(float, ("strongest mean in a volume", scene), at_few_lights)
     except RuleError as refused:
-        return Decision(_MEAN, False, f"not asked for, and not judged: {refused}")
+        return Decision(_MEAN, False, f"not requested, and not estimated: {refused}")
     return _mean_left_out(strongest / max(scene_pilot(scene, reverse).intensity, 1e-300), tolerance)
 
 
@@ -101,9 +101,9 @@ def _mean_left_out(ratio: float, tolerance: float) -> Decision:
         reason = f"at most {ratio:.2g} of the speckle's intensity at any view"
     else:
         reason = (
-            "not asked for (mean=True adds it, or --mean of `specklegen physics render`), though it reaches "
+            "not included (mean=True adds it, or --mean of `specklegen physics render`), but it reaches "
             f"{ratio:.2g} times the speckle's intensity at some "
-            "view: a camera blocks it or looks beside it"
+            "view: block it, or use views beside it"
         )
     return Decision(_MEAN, False, reason)
 

@@ -66,7 +66,7 @@ def _sets(file: Any) -> dict[str, Any]:
 def _read(sets: Mapping[str, Any], variable: str | None) -> np.ndarray:
     chosen = sets[_chosen({name: item.shape for name, item in sets.items()}, variable)]
     if prod(chosen.chunks or ()) * chosen.dtype.itemsize > LARGEST_CHUNK:
-        raise ValueError(f"its chunks of {chosen.chunks} unpack to more than {LARGEST_CHUNK // 2**20} MiB each")
+        raise ValueError(f"its chunks of {chosen.chunks} decompress to more than {LARGEST_CHUNK // 2**20} MiB each")
     return np.asarray(chosen[()])
 
 
@@ -79,10 +79,10 @@ def _chosen(shapes: Mapping[str, tuple[int, ...]], variable: str | None) -> str:
         if len(fit) != 1:
             there = ", ".join(f"{name} {' x '.join(map(str, shape))}" for name, shape in list(shapes.items())[:8])
             none = f"it holds no frames [h, w] or [n, h, w]: {there or 'no numbers'}"
-            raise ValueError(f"name one array by variable=, it has {names}" if fit else none)
+            raise ValueError(f"choose one array by variable=: it has {names}" if fit else none)
         variable = next(iter(fit))
     if variable not in fit:
-        raise ValueError(f'it has no frames of the name "{variable}"' + (f", but {names}" if fit else ""))
+        raise ValueError(f'it has no frames named "{variable}"' + (f", but {names}" if fit else ""))
     if prod(fit[variable]) > MOST_PIXELS:
         raise ValueError(f"it has {prod(fit[variable])} pixels, more than {MOST_PIXELS}")
     return variable

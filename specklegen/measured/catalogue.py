@@ -58,9 +58,9 @@ class PublicData:
         for name, digest in self.files.items():
             path = Path(folder) / name
             if not path.is_file():
-                faults[name] = "is not there"
+                faults[name] = "is missing"
             elif _digest(path) != digest:
-                faults[name] = "has another content than in the commit"
+                faults[name] = "differs from the commit"
         return faults
 
     def get(self, folder: str | Path, source: str | None = None) -> Path:

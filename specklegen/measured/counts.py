@@ -43,13 +43,14 @@ def found_range(raw: np.ndarray, bit_depth: int | None, field: str) -> Range:
         whole_number(f"{field} bit_depth", bit_depth, 1, 16)
     if not whole:
         if bit_depth is not None:
-            reject(f"{field} bit_depth", "left out for numbers that are not whole counts", bit_depth)
+            reject(f"{field} bit_depth", "left out, since numbers are not whole counts", bit_depth)
         top = float(values[-1]) if _piled(values, numbers, 0.0) else None
-        return Range(1, None, top, ("numbers are not whole: no raw counts, their bits unknown",), ())
+        return Range(1, None, top, ("numbers are not whole: these are no raw counts, and the bit depth is unknown",),
+                     ())
     step = _step(values)
     highest = int(values[-1]) // step
     needed = max(1, highest.bit_length())
-    assumed = [f"counts stand in steps of {step}: {step.bit_length() - 1} empty bits below them"] if step > 1 else []
+    assumed = [f"counts have steps of {step}: the lowest {step.bit_length() - 1} bits are empty"] if step > 1 else []
     if bit_depth is not None:
         if needed > bit_depth:
             reject(f"{field} bit_depth", f"enough for counts of {highest}, {needed} bits", bit_depth)
@@ -59,11 +60,12 @@ def found_range(raw: np.ndarray, bit_depth: int | None, field: str) -> Range:
     bits = 8 if raw.dtype.itemsize == 1 and step == 1 else next((depth for depth in DEPTHS if depth >= needed), None)
     basis = f"no count reaches the end of the range: {bits} bits are the fewest that hold {highest}, not measured"
     if bits == 8 and raw.dtype.itemsize == 1:
-        basis = "8 bits, by the type of the file"
+        basis = "8 bits, from the type of the file"
     if _piled(values, numbers, float(step)):
-        doubt = f"pixels pile up at {int(values[-1])}, which is not the end of {bits} bits: taken for saturation"
+        doubt = f"pixels pile up at {int(values[-1])}, which is not the end of {bits} bits: assumed to be saturation"
         return Range(step, bits, float(values[-1]), (*assumed, basis), (doubt,))
-    return Range(step, bits, None, (*assumed, basis if bits else "counts of more than 16 bits: no converter's"), ())
+    return Range(step, bits, None, (*assumed, basis if bits else "counts of more than 16 bits: no camera has these"),
+                 ())
 
 
 def _histogram(raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -52,7 +52,7 @@ class MeasuredCurve(Pictured):
         draw_curve(axes, self.at, self.values, self.errors, label, fmt="o", xlabel=xlabel, ylabel=ylabel)
 
 
-OWN_FILE = "If a second measurement begins here, give it a file of its own."
+OWN_FILE = "If a second measurement begins here, put it into its own file."
 """What to do with a file of several measurements, where a table cannot go on."""
 
 
@@ -104,16 +104,16 @@ def read_curve(path: str | Path, columns: Sequence[int] | None = None) -> Measur
             separator = None if separator == " " else separator  # names may have spaces of their own
             continue
         if not chosen and not rows and len(cells) > 3:
-            reject(where, "of two or three columns, or of more with columns= that chooses", line.strip(),
-                   "Two measurements in a file are columns=(0, 1) and columns=(0, 2).")  # fmt: skip
+            reject(where, "of two or three columns, or of more with columns=", line.strip(),
+                   "For two measurements in a file read columns=(0, 1) and columns=(0, 2).")  # fmt: skip
         taken = chosen or tuple(range(min(3, len(cells))) if not rows else range(len(rows[0])))
         if max(taken) >= len(cells) or len(taken) < 2:
             reject(where, f"of at least {max(2, max(taken) + 1)} columns", line.strip(),
-                   "Columns stand apart by , ; or a tab.")  # fmt: skip
+                   "Separate columns by , ; or a tab.")  # fmt: skip
         row = [_number(where, cells[column]) for column in taken]
         if rows and not row[0] > rows[-1][0]:
-            reject(where, f"of a place above the one before, {rows[-1][0]:g}", row[0],
-                   f"Sort the lines; average repeats. {OWN_FILE}")  # fmt: skip
+            reject(where, f"of increasing places: the line before has {rows[-1][0]:g}", row[0],
+                   f"Sort the lines and average repeated places. {OWN_FILE}")  # fmt: skip
         if len(row) == 3 and not row[2] > 0:
             reject(where, "of a standard error greater than 0", row[2], "Leave the column out by columns=(0, 1).")
         rows.append(row)
@@ -144,8 +144,8 @@ def text_of(field: str, path: str | Path) -> str:
     except (OSError, ValueError, TypeError) as error:
         given = path if isinstance(path, str) else str(path)
         if isinstance(error, FileNotFoundError):
-            reject(field, "a file that is there", given)
-        reject(field, "a text that can be read", given, f"It cannot: {error}.")
+            reject(field, "an existing file", given, "Check the path.")
+        reject(field, "a text file that can be read", given, f"It cannot: {error}.")
 
 
 def _is_number(text: str) -> bool:

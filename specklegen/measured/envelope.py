@@ -54,9 +54,9 @@ def fit_envelope(light: np.ndarray, good: np.ndarray, field: str) -> Envelope:
     """
     at_y, at_x, means, weights, places = _blocks(light, good)
     if len(means) < 12:
-        reject(f"{field} envelope", "fitted to an image with more good pixels", f"{len(means)} blocks of them")
+        reject(f"{field} envelope", "fitted to an image with more good pixels", f"{len(means)} blocks of good pixels")
     if not (means > 0).all():
-        remedy = "Give the region that is lit, and the black level."
+        remedy = "Give the illuminated region and the black level."
         reject(f"{field} envelope", "fitted to light that is above the black level everywhere", means.min(), remedy)
     orders = [order for order in range(HIGHEST + 1) if 10 * _terms(order) <= len(means)]
     fits = {order: _fit(at_y, at_x, means, weights, order) for order in orders}

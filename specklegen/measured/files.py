@@ -59,10 +59,11 @@ def read_raw(field: str, source: Source, variable: str | None = None) -> Raw:
             continue
         if frames and stack.shape[1:] != frames[0].shape[1:]:
             shapes = f"{frames[0].shape[1:]} in {files[0]} and {stack.shape[1:]} in {file}"
-            reject(field, "frames of one size", shapes, "Name those that belong together, as folder/light_*.tif.")
+            reject(field, "frames of one size", shapes,
+                   "Give the files of one measurement by a pattern, such as folder/light_*.tif.")
         frames.append(stack)
         if sum(each.size for each in frames) > MOST_PIXELS:
-            reject(field, f"of at most {MOST_PIXELS} pixels in all", str(file), "Give fewer frames at a time.")
+            reject(field, f"of at most {MOST_PIXELS} pixels in all", str(file), "Read fewer frames at a time.")
     if len(unreadable) > 1:
         raise RuleError("\n".join(map(str, unreadable)))
     if unreadable:
@@ -79,15 +80,15 @@ def _files(field: str, name: str, notes: list[str]) -> list[Path]:
             paths = [each for each in inside if each.suffix.lower() in FRAME_FILES]
             if paths and len(paths) < len(inside):
                 notes.append(
-                    f"{counted(len(inside) - len(paths), 'file')} of {path} left out by the ending of the name"
+                    f"{counted(len(inside) - len(paths), 'file')} of {path} left out, since their file type is unknown"
                 )
         else:
             paths = [path] if path.exists() else [Path(each) for each in glob.glob(name)]
     except (OSError, ValueError, re.error) as error:  # names too long, or with a zero in them
-        reject(field, "a file, a folder or a pattern", name, f"{error}.")
+        reject(field, "an existing file, folder or pattern of frames", name, f"{error}.")
     if not paths:
         remedy = f"A folder holds frames as {', '.join(FRAME_FILES)}." if path.is_dir() else "Check the path."
-        reject(field, "a file, a folder or a pattern with frames", name, remedy)
+        reject(field, "an existing file, folder or pattern of frames", name, remedy)
     return sorted(paths, key=lambda file: [int(p) if p.isdecimal() else p for p in re.split(r"(\d+)", str(file))])
 
 
@@ -101,9 +102,10 @@ def _read(field: str, file: Path, variable: str | None) -> np.ndarray:
     except ImportError:
         raise
     except Exception as error:  # each reader has errors of its own kind
-        reject(field, "files of frames that can be read", str(file), f"Reading it failed: {str(error) or repr(error)}.")
+        reject(field, "files of frames that can be read", str(file),
+               f"Reading the file failed: {str(error) or repr(error)}.")
     if frames.ndim != 3 or frames.dtype.kind not in "buif" or not frames.size:
-        reject(field, "files of grey frames", str(file), f"It holds {frames.dtype} of the shape {frames.shape}.")
+        reject(field, "files of grey frames", str(file), f"The file has {frames.dtype} of shape {frames.shape}.")
     return frames
 
 

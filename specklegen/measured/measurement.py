@@ -90,7 +90,8 @@ class Measurement(Pictured):
         even = int((images.std((1, 2)) < _EVEN * np.abs(images.mean((1, 2)))).sum())
         if even:
             reject(field, "of speckle", f"{even} of {counted(len(images), 'frame')} without contrast",
-                   "All pixels are alike: is the light on, and the camera not saturated?")  # fmt: skip
+                   "All pixels are equal: check that the light is on, and that the camera is "
+                   "not saturated.")  # fmt: skip
 
     def explain(self) -> str:
         """Say what was read, found, assumed and doubted, a line each."""
@@ -184,7 +185,7 @@ def read_measurement(
     if min(shape) < LEAST:
         reject(f"{_FIELD} source", f"frames of at least {LEAST} x {LEAST} pixels", shape)
     if raw.size > MOST_PIXELS:
-        reject(f"{_FIELD} source", f"of at most {MOST_PIXELS} pixels in all", raw.size, "Choose some by frames=.")
+        reject(f"{_FIELD} source", f"of at most {MOST_PIXELS} pixels in all", raw.size, "Choose some with frames=.")
     good = np.asarray(np.isfinite(raw).all(axis=0))
     if not good.any():
         reject(f"{_FIELD} source", "frames with finite numbers", "a frame without")
@@ -193,10 +194,10 @@ def read_measurement(
     assumed += converter.assumed
     doubts += converter.doubts
     if not good.all():
-        doubts.append(f"{counted(int((~good).sum()), 'pixel')} not finite: left out")
+        doubts.append(f"{counted(int((~good).sum()), 'pixel')} not finite (NaN or infinite): left out")
     named = [file for file in read.files if any(word in file.lower().rpartition("/")[2] for word in _NOT_LIGHT)]
     if named:
-        doubts.append(f"{named[0]} sounds like no frame of light: read as one")
+        doubts.append(f"the name of {named[0]} suggests a dark or flat frame, but it was read as a light frame")
 
     light = np.where(good, raw, 0).astype(np.float64)
     level, hot = _black(dark, raw, good, assumed)
@@ -211,13 +212,13 @@ def read_measurement(
     if hot_pixels:
         if hot is None:
             hot = hot_among_neighbours(np.where(good, light.mean(0), np.median(light)))
-            assumed.append("hot pixels: by their neighbours, for want of dark frames")
+            assumed.append("hot pixels: from their neighbours, since there are no dark frames")
         else:
             hot = kept.of(hot)
     hot = np.zeros_like(good) if hot is None or not hot_pixels else hot & good
     good = good & ~hot
     if not good.any():
-        reject(f"{_FIELD} source", "frames with pixels that are good", "none")
+        reject(f"{_FIELD} source", "frames with good pixels", "none")
     light = filled(light, good)
     if not light[:, good].mean() > 0:
         reject(f"{_FIELD} source", "brighter than the black level", float(light[:, good].mean()))
@@ -225,7 +226,8 @@ def read_measurement(
     at_zero = float((raw[:, good] <= 0).mean())
     doubts += [
         f"{100 * share:.2g} % of pixels {what}" for share, what in (
-            (saturated, "saturated: contrast and bright grains are cut"), (at_zero, "at 0: the black level may be cut"),
+            (saturated, "saturated: bright speckle is clipped, so the contrast is too low"),
+            (at_zero, "at 0: the black level may be clipped"),
             (float((~good).mean()), "are not good"),
         ) if share > _MANY
     ]  # fmt: skip
@@ -255,7 +257,7 @@ def _mean_of(what: str, source: Source, shape: tuple[int, ...]) -> np.ndarray:
     if frames.shape[1:] != shape:
         reject(f"{_FIELD} {what}", f"of {shape[0]} x {shape[1]} pixels, as the frames", frames.shape[1:])
     if not np.isfinite(frames).all():
-        reject(f"{_FIELD} {what}", "finite everywhere", f"{int((~np.isfinite(frames)).sum())} pixels that are not")
+        reject(f"{_FIELD} {what}", "finite everywhere", f"{int((~np.isfinite(frames)).sum())} pixels NaN or infinite")
     return frames.astype(np.float64)
 
 
@@ -265,7 +267,7 @@ def _black(
     """Black level, a number or [h, w], and hot pixels where dark frames show them."""
     least = float(raw[:, good].min())
     if dark is None:
-        assumed.append(f"black level 0, for want of dark frames; the least count is {least:g}")
+        assumed.append(f"black level 0, since there are no dark frames; the smallest count is {least:g}")
         return 0.0, None
     mean = float(raw[:, good].mean())
     hot = None
@@ -281,7 +283,7 @@ def _black(
     spread = float(np.ptp(raw[:, good]))
     if spread and np.abs(level).max() > _REACH * spread:
         reject(f"{_FIELD} dark", f"a level near the counts, which differ by {spread:.4g}", float(np.abs(level).max()),
-               "What is left of so large a number would be its rounding.")  # fmt: skip
+               "The difference would be a rounding error: give the level in counts.")  # fmt: skip
     return level, hot
 
 
@@ -296,7 +298,8 @@ def _flat(
     seen = taken.mean(axis=0) - level
     lit = good & (seen > 0)
     if lit.mean() < 0.5:
-        reject(f"{_FIELD} flat", "brighter than the black level", float(seen.mean()), "Is it a frame of even light?")
+        reject(f"{_FIELD} flat", "brighter than the black level", float(seen.mean()),
+               "Check that it is a frame under even light.")
     return np.where(lit, seen / seen[lit].mean(), 1.0), lit
 
 

@@ -94,13 +94,13 @@ class _Curve(Observation):
         low, high = self._range
         for n in range(len(at)):
             if not error[n] > 0:
-                self._refuse(n, "error", "greater than 0", error[n], "Without errors nothing can be fitted: repeat "
-                             "the measurement, or state what you would bet on.")  # fmt: skip
+                self._refuse(n, "error", "greater than 0", error[n], "A fit needs errors: repeat the measurement, "
+                             "or estimate them.")  # fmt: skip
             if at[n] < 0 or (n and not at[n] > at[n - 1]):
-                rule = "at least 0" if at[n] < 0 else f"above the one before, {at[n - 1]:g}"
-                self._refuse(n, self._where, rule, at[n], "Sort them; average repeats.")
+                rule = "at least 0" if at[n] < 0 else f"above the value before it, {at[n - 1]:g}"
+                self._refuse(n, self._where, rule, at[n], "Sort the values and average repeated places.")
             if not low - SURE * error[n] <= values[n] <= high + SURE * error[n]:
-                self._refuse(n, self._what, f"from {low:g} to {high:g}, but for {SURE:g} of its errors", values[n],
+                self._refuse(n, self._what, f"from {low:g} to {high:g}, within {SURE:g} standard errors", values[n],
                              self._remedy())  # fmt: skip
         if planned:
             values = np.full(at.shape, np.nan)
@@ -177,12 +177,12 @@ class MemoryCurve(_Curve):
         if self.values[0] < 0.2:
             self._refuse(
                 0, "c_i", "at least 0.2 at the first tilt", self.values[0],
-                "The first tilt is beyond the memory effect: are tilts in radians (np.deg2rad)? Else measure smaller "
-                "ones.",
+                "The first tilt is beyond the memory effect: are tilts in radians (np.deg2rad)? Otherwise measure "
+                "smaller tilts.",
             )  # fmt: skip
 
     def _remedy(self) -> str:
-        return "Divide by its value at zero tilt, less the square of the mean; correct for noise and contrast."
+        return "Subtract the square of the mean, divide by the value at zero tilt, and correct for noise and contrast."
 
 
 @takes_units
@@ -225,7 +225,7 @@ class TemporalCurve(_Curve):
         self._check()
 
     def _remedy(self) -> str:
-        return "g2 is the mean of I(t) I(t + lag) over the squared mean; of g2 - 1 add the 1."
+        return "g2 is the mean of I(t) I(t + lag) over the squared mean: if this is g2 - 1, add 1."
 
 
 @takes_units

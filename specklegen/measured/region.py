@@ -52,7 +52,7 @@ def lit_region(light: np.ndarray, good: np.ndarray, field: str) -> Region:
     bottom, right = min(light.shape[0], (top + height) * side), min(light.shape[1], (left + width) * side)
     region = Region(top * side, left * side, bottom - top * side, right - left * side)
     if min(region.height, region.width) < LEAST:
-        reject(f"{field} region", f"given where less than {LEAST} x {LEAST} pixels are lit", tuple(region))
+        reject(f"{field} region", f"given, since less than {LEAST} x {LEAST} pixels are illuminated", tuple(region))
     return region
 
 

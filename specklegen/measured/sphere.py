@@ -194,7 +194,7 @@ class SphereReadings(Pictured):
             moved = self.corrected().reflectance / self.columns["reflection"] - 1
             doubt = 0.05 * self._per_reflectance()
             facts["correction"] = f"{100 * moved.min():.2g} to {100 * moved.max():.2g} % of reflectance"
-            facts["of its own error"] = f"{100 * doubt:.2g} %, were the diffuse reflectance off by .05"
+            facts["of its own error"] = f"{100 * doubt:.2g} % for a diffuse reflectance changed by 0.05"
         else:
             facts["correction"] = "none"
         return facts | {"doubts": self.doubts}
@@ -267,15 +267,16 @@ def read_sphere(path: str | Path, *, dual_beam: bool = False) -> SphereReadings:
         numbers = numbers[:8]
     if len(numbers) < 7 or (numbers[6] > 0 and len(numbers) < 17) or 8 < len(numbers) < 17:
         at, cells = lines[min(rest, len(lines) - 1)]
-        reject(f"{owner}{at},", "a number of the head, 7 and of the spheres 10", " ".join(cells),
-               f"{len(numbers)} stand before it.")  # fmt: skip
+        reject(f"{owner}{at},", "a number of the header: 7, and 10 of the spheres", " ".join(cells),
+               f"{len(numbers)} numbers precede it.")  # fmt: skip
     _check_head(owner, numbers, where)
     spheres = [Sphere(*numbers[at : at + 5]) for at in (7, 12)] if len(numbers) >= 17 else [None, None]
     names, rest = _names(owner, lines, rest, numbers)
     table = _table(owner, lines[rest:], names)
     columns = dict(zip(names, table.T, strict=True))
     total = columns["reflection"] + columns.get("transmission", 0.0)
-    doubts = [f"sample {int(total.argmax()) + 1} sends out {total.max():.3g} of the light"] if total.max() > 1 else []
+    doubts = [f"sample {int(total.argmax()) + 1} reflects and transmits {total.max():.3g} "
+              "of the light"] if total.max() > 1 else []
     sample, slide, thickness, glass, beam, standard, number = numbers[:7]
     return SphereReadings(sample, slide, thickness, glass, beam, standard, int(number), spheres[0], spheres[1], columns,
                           dual_beam, str(path), tuple(doubts))  # fmt: skip
@@ -316,7 +317,7 @@ def _names(
         return names, rest + 1
     readings = numbers[-1] if len(numbers) in (8, 18) else len(cells)
     if readings not in range(1, 8):
-        reject(f"{owner}{number},", "1 to 7 numbers a sample, or names of the columns before them", readings)
+        reject(f"{owner}{number},", "1 to 7 numbers for each sample, or a line with the names of columns", readings)
     names = _SHARES[: int(readings)]
     return (("wavelength", *names) if len(cells) == readings + 1 else names), rest
 

@@ -106,14 +106,14 @@ def aimed(
     if isinstance(medium, Box | VoxelGrid | Scene):
         reject(
             f"{owner} medium", "a Slab or Layers, which are infinite sideways", medium,
-            "Of anything else ask covariance of a Scene for the pairs (tilt, view moved with it), or render its stack.",
+            "For other media use covariance of a Scene for the pairs (tilt, shifted view), or render its stack.",
         )  # fmt: skip
     instance(f"{owner} medium", medium, PlaneParallel)
     if medium.thickness == 0 or medium.albedo == 0:
         reject(
             f"{owner} medium", "of a thickness and an albedo above 0", (medium.thickness, medium.albedo),
-            "Without scattered light there is no speckle that could be correlated. Towards either end all light is "
-            "scattered once, and C_I along the axis tends to 1 at tilts well within the phase function's width.",
+            "Without scattered light there is no speckle. In the limit of weak scattering all light is scattered "
+            "once, and C_I along the axis tends to 1 at tilts well within the width of the phase function.",
         )  # fmt: skip
     require_angles(owner, tilts)
     wavelength = positive_number(f"{owner} wavelength", wavelength)
@@ -145,11 +145,11 @@ def require_axial(
     reverse: Reverse,
 ) -> None:  # fmt: skip
     """Refuse what motion in layers with steps of the index does not serve: all but small tilts straight on the axis."""
-    what = "where layers refract"
+    what = "for layers that refract"
     if mode != "transmission":
-        reject(f"{owner} mode", f'"transmission" {what}', mode, "Of light that comes back leave the steps out.")
+        reject(f"{owner} mode", f'"transmission" {what}', mode, "For reflected light use equal indices.")
     if not np.array_equal(view, AXIS):
-        reject(f"{owner} view", f"left out {what}: the axis", view, "joint_correlation knows all views together.")
+        reject(f"{owner} view", f"left out {what}: the axis", view, "Use joint_correlation for all views together.")
     if reverse is True:
         reject(f"{owner} reverse", f'False or "auto" {what}', reverse,
                "There is no backscattering direction behind layers, so reversed paths add nothing.")  # fmt: skip
@@ -332,7 +332,7 @@ def memory_effect(
     field, intensity, decorrelation, error, single, lit, carried = run(count, budget.seed)
     if np.isnan(single):
         warn_user(
-            f"memory_effect: none of {count} paths carried light, so that nothing is known. Trace more paths, or take "
+            f"memory_effect: none of {count} paths carried light, so the result is unknown. Trace more paths, or use "
             "a thinner medium.",
         )  # fmt: skip
     if unsure:
@@ -366,7 +366,7 @@ def require_traced(owner: str, medium: PlaneMedium, aim: Aim, count: int, thread
     events = count * (events_across(medium) if drawn else events_per_path(medium))
     require_time(f"{owner} tilts", seconds_of({"path": count, "event": events, "end": ends}, thread_count(threads)),
                  f"{len(aim.light)} tilts of {count} paths, {events:.1e} scatterings",
-                 "Ask for fewer tilts, or for fewer paths.")  # fmt: skip
+                 "Use fewer tilts or fewer paths.")  # fmt: skip
 
 
 def analysed(owner: str, medium: object, channel: str, azimuth: float) -> Polariser | None:
@@ -379,15 +379,15 @@ def analysed(owner: str, medium: object, channel: str, azimuth: float) -> Polari
         return polariser(channel, azimuth)  # type: ignore[arg-type]
     remedy = 'Give the Slab or Layers polarisation = "projector" or "vector".'
     if channel != "none":
-        reject(f"{owner} channel", '"none" of a medium in which light is a scalar', channel, remedy)
+        reject(f"{owner} channel", '"none" for scalar light', channel, remedy)
     if azimuth:
-        reject(f"{owner} azimuth", "0 where light is a scalar: all tilts are alike", azimuth, remedy)
+        reject(f"{owner} azimuth", "0 for scalar light, for which all azimuths are equal", azimuth, remedy)
     return None
 
 
 def require_tilts(owner: str, tilts: int, what: str, other: float = 0.0) -> None:
     """Refuse more tilts, with ``other`` bytes beside, than the batches of their estimates fit into memory."""
-    require_memory(f"{owner} tilts", "held", _TILT_BYTES * tilts + other, what, "Ask for fewer at a time.")
+    require_memory(f"{owner} tilts", "held", _TILT_BYTES * tilts + other, what, "Use fewer at a time.")
 
 
 _TILT_BYTES = 32 * 2**10
@@ -407,7 +407,7 @@ def _warn_of_neither(lobe: LobeLoss, tilt: float) -> None:
 
 def _of_screens(medium: ThinMedium, wavelength: float, tilts: np.ndarray, mode: Mode, view: ArrayLike | None):
     """Curve of thin screens at a fixed view, in closed form (:mod:`specklegen.theory.phase_screens`, Eq. 2)."""
-    require_time("memory_effect tilts", 1e-9 * _SCREEN_TILT * tilts.size, f"{tilts.size} tilts", "Ask for fewer tilts.")
+    require_time("memory_effect tilts", 1e-9 * _SCREEN_TILT * tilts.size, f"{tilts.size} tilts", "Use fewer tilts.")
     if mode != "transmission":
         reject("memory_effect mode", '"transmission" behind thin screens', mode)
     stack, sines = require_thin(medium, wavelength), np.sin(tilts)

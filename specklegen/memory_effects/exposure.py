@@ -168,7 +168,7 @@ def _contrast(light: LightClasses | LightPaths, lit: np.ndarray, owner: str, exp
     """K^2 of exposures float64[...] of light whose batches sum up to float64[batches, 1]."""
     field = f"{owner} exposures"
     asked = np.atleast_1d(array_from_zero(field, exposures, finite=True))
-    require_memory(field, "held", _EXPOSURE_BYTES * asked.size, f"{asked.size} exposures", "Ask for fewer at once.")
+    require_memory(field, "held", _EXPOSURE_BYTES * asked.size, f"{asked.size} exposures", "Use fewer at a time.")
     u, weight = exposure_nodes()
     sums = np.concatenate([*(light.fields(field, time * u) for time in asked.ravel()), lit], axis=1)
 

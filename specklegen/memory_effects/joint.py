@@ -172,13 +172,13 @@ def joint_correlation(
     pairs = tilts.size * shifts.size * lags.size
     require_memory(
         f"{owner} tilts", "held", (_PAIR_BYTES if slab else _SCREEN_BYTES) * pairs,
-        f"{tilts.size} tilts, {shifts.size} shifts, {lags.size} lags", "Ask for fewer at a time.",
+        f"{tilts.size} tilts, {shifts.size} shifts, {lags.size} lags", "Use fewer at a time.",
     )  # fmt: skip
     if not slab:
         if lags.any() or lags.ndim:
             reject(f"{owner} lags", "left out behind thin screens", lags, "Render a film: ScreenStack(velocities=).")
         amount = f"{tilts.size} tilts, {shifts.size} shifts"
-        require_time(f"{owner} tilts", 1e-9 * _SCREEN_PAIR * pairs, amount, "Ask for fewer.")
+        require_time(f"{owner} tilts", 1e-9 * _SCREEN_PAIR * pairs, amount, "Use fewer.")
         return _of_screens(require_thin(medium, wavelength), wavelength, tilts, shifts)
 
     x = 0 * lags
@@ -212,7 +212,7 @@ def _of_slab(
     walks, ways, weights, turned, doppler = walked(medium, paths, seed, threads)
     k, batch = 2 * np.pi / wavelength, np.arange(len(weights)) * BATCHES // len(weights)
     if not weights.any():
-        reject("joint_correlation paths", "enough for some scattered light to come through", paths)
+        reject("joint_correlation paths", "enough that some scattered light is transmitted", paths)
     sums = [np.bincount(batch, weights, BATCHES)]
     for tilt in tilts:
         for shift in shifts:

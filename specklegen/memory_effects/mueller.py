@@ -175,8 +175,8 @@ def mueller_matrix(
     choice(f"{owner} frame", frame, get_args(Frame))
     aim = aimed(owner, medium, wavelength, np.zeros(1), mode, view, budget.reverse, budget.tolerance)
     if medium.polarisation == "scalar":
-        reject(f"{owner} medium", 'one with polarisation = "projector" or "vector"', medium.polarisation,
-               "In a scalar medium light keeps whatever polarisation it has.")  # fmt: skip
+        reject(f"{owner} medium", 'a medium with polarisation = "projector" or "vector"', medium.polarisation,
+               "For scalar light the polarisation does not change.")  # fmt: skip
     both = aim.reversal.needed
 
     def run(count: int, seed: Seed) -> MuellerMatrix:
@@ -211,7 +211,7 @@ def _estimate(
     sums = np.array(list(in_turn(batch, parts, thread_count(threads)))) / max(paths, 1)
     matrix = sums.sum(axis=0)
     if not matrix[0, 0] > 0:
-        warn_user(f"mueller_matrix: none of {paths} paths carried light, so that nothing is known. Trace more paths.")
+        warn_user(f"mueller_matrix: none of {paths} paths carried light, so the result is unknown. Trace more paths.")
     warn_of_rare_paths("mueller_matrix", sums[:, 0, 0])
     error = sums.std(axis=0, ddof=1) * np.sqrt(len(parts)) if len(parts) > 1 else np.full((4, 4), np.nan)
     with np.errstate(invalid="ignore"):

@@ -138,7 +138,8 @@ class TemporalCorrelation(Pictured, Labelled):
         """
         if self.components > 1:
             reject("TemporalCorrelation.contrast channel", '"co" or "crossed" of polarised light', self.channel,
-                   "Without an analyser K^2 is that of both, each times its squared share of the light.")  # fmt: skip
+                   "Without an analyser K^2 is the sum of both, each times its squared share "
+                   "of the light.")  # fmt: skip
         result = self.classes.contrast("TemporalCorrelation.contrast", exposures)
         asked = vars(self).get(ASKED, {})
         vars(result)[ASKED] = {name: each for name, each in asked.items() if name not in ("lags", "tilts")}
@@ -232,12 +233,12 @@ def temporal_correlation(
     try:
         lags, tilts = np.broadcast_arrays(np.atleast_1d(lags), tilts)
     except ValueError:
-        reject(f"{owner} tilts", f"one number, or of a shape that goes with that of lags, {lags.shape}", tilts.shape)
-    require_memory(f"{owner} lags", "held", _LAG_BYTES * lags.size, f"{lags.size} lags", "Ask for fewer at a time.")
+        reject(f"{owner} tilts", f"one number, or an array that broadcasts with lags, {lags.shape}", tilts.shape)
+    require_memory(f"{owner} lags", "held", _LAG_BYTES * lags.size, f"{lags.size} lags", "Use fewer at a time.")
     angles, number = np.unique(tilts, return_inverse=True)
     require_tilts(owner, angles.size, f"{angles.size} tilts, {lags.size} lags", _LAG_BYTES * lags.size)
     seen = analysed(owner, medium, channel, azimuth)
-    require_medium(f"{owner} medium", medium, "Thin screens that move: render a film of a ScreenStack.")
+    require_medium(f"{owner} medium", medium, "For moving thin screens, render a film of a ScreenStack.")
     require_motion(owner, medium)
     sight: Any = _of_volume if medium.has_sides else _of_plane
     aim, tracer, events, keyed, require_enough = sight(medium, wavelength, angles, mode, view, budget, seen is not None)
@@ -255,12 +256,12 @@ def temporal_correlation(
     work = {"path": count, "event": events, "end": ends, "phasor": float(x.size * count)}
     require_time(
         f"{owner} lags", seconds_of(work, thread_count(budget.threads)),
-        f"{x.size} lags of {count} paths, {events:.1e} scatterings", "Ask for fewer lags, or for fewer paths.",
+        f"{x.size} lags of {count} paths, {events:.1e} scatterings", "Use fewer lags or fewer paths.",
     )  # fmt: skip
     result = way(asked, count, budget.seed)
     if np.isnan(result.static):
         warn_user(
-            f"{owner}: none of {count} paths carried light, so that nothing is known. Trace more paths, or take a "
+            f"{owner}: none of {count} paths carried light, so the result is unknown. Trace more paths, or use a "
             "thinner medium.",
         )  # fmt: skip
     warn_of_rare_paths(owner, result.lit, result.carried)
@@ -329,11 +330,11 @@ def require_motion(owner: str, medium: Medium) -> None:
     """Refuse a medium that nobody gave a motion."""
     if all(motion is None for motion in medium.motions):
         remedy = "Give it a motion, such as Brownian(diffusion=...)."
-        reject(f"{owner} medium", "one whose particles move", medium, remedy)
+        reject(f"{owner} medium", "a medium of moving particles", medium, remedy)
 
 
 def require_even_flow(owner: str, medium: PlaneMedium) -> None:
     """Refuse a flow that changes along the faces, for light that is unlimited there."""
     if sideways(volume_of(medium, 3)):
-        reject(f"{owner} medium", "of a flow that is the same all along its faces", medium.motions,
+        reject(f"{owner} medium", "of a flow that is uniform along its faces", medium.motions,
                "Render a film of a Scene, whose beams have a width.")  # fmt: skip

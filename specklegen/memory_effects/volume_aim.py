@@ -25,7 +25,7 @@ def volume_scene(
 ) -> tuple[Aim, Scene]:  # fmt: skip
     """Pairs of light and view of a medium with sides at tilts float64[T], and the scene of no tilt and these."""
     if np.isinf(medium.mean_free_path) or not np.any(medium.albedo):
-        reject(f"{owner} medium", "one that scatters", medium, "Without scattered light there is no speckle.")
+        reject(f"{owner} medium", "a medium that scatters", medium, "Without scattered light there is no speckle.")
     require_angles(owner, tilts)
     warn_of_dependence(medium.mean_free_path, positive_number(f"{owner} wavelength", wavelength))
     side = 1.0 if choice(f"{owner} mode", mode, ("transmission", "reflection")) == "transmission" else -1.0

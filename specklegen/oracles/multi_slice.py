@@ -208,11 +208,11 @@ def _check(slab: PlaneMedium, wavelength: float, pitch: float) -> None:
         reject("multi_slice slab.albedo", "1", slab.albedo)
     if transport > MOST_TRANSPORT * (1 + 1e-9):
         reject("multi_slice slab", f"of at most {MOST_TRANSPORT} transport lengths", transport,
-               "Light that turns aside or back is lost here: use random paths.")  # fmt: skip
+               "Light scattered to large angles is lost in this method: use random paths.")  # fmt: skip
     held, needed = wavelength / (2 * pitch), min(1.0, RMS_ANGLES * np.sqrt(transport))
     if held < needed * (1 - 1e-9):
         reject("multi_slice pitch", f"at most {wavelength / (2 * needed):.4g}, which holds {RMS_ANGLES} rms angles",
-               pitch, "A coarser grid folds scattered light back into the middle.")  # fmt: skip
+               pitch, "A coarser grid aliases scattered light.")  # fmt: skip
 
 
 def _spectrum(scatterer: Scatterer, sines: np.ndarray) -> np.ndarray:

@@ -52,7 +52,7 @@ class CylinderGas:
         if not 0 <= self.density < np.inf:
             reject("CylinderGas.density", "finite and at least 0", self.density)
         if self.density * np.pi * self.cylinder.radius**2 > 0.1:
-            reject("CylinderGas.density", "so low that cylinders fill at most a tenth of the area", self.density,
+            reject("CylinderGas.density", "low enough that cylinders fill at most a tenth of the area", self.density,
                    "Placements that avoid overlap are no longer an ideal gas.")  # fmt: skip
 
     @classmethod

@@ -48,14 +48,14 @@ def dark_views(variances: tuple[float, ...], powers: np.ndarray) -> str | None:
     lit = float(np.max(powers, initial=0.0))
     dark = float(np.min(powers, initial=lit))
     if lit > 0 and dark < DARK * lit:
-        doubt = f"some are found at {dark / lit:.1g} of the brightest"
+        doubt = f"some views have {dark / lit:.1g} of the brightest intensity"
     elif variances and min(variances) == 0 < max(variances):
-        doubt = "next to no path crosses the absorbing medium to some"
+        doubt = "hardly any path crosses the absorbing medium to some views"
     else:
         return None
     return (
-        f"{doubt}, by which paths are chosen: their light and its error may be far too low. Ask for them in a scene of "
-        "their own"
+        f"{doubt}, by which paths are chosen: light and error of dark views may be far too low. Render them in a "
+        "separate scene"
     )
 
 
@@ -77,9 +77,9 @@ def require_reach(owner: str, variance: float, paths: int) -> None:
     enough = f"Trace {needed:.1e} paths or more" if needed <= MOST_PATHS / 10 else "Use a thinner medium"
     if variance > 0:
         reject(f"{owner} paths", "enough that light crosses the absorbing medium in some of them", paths,
-               f"Of {variance:.1e} paths about one carries what is seen behind it. {enough}; or use a Slab of matched "
-               "faces, beams, far views that all lie behind it, no reversed paths (reverse=False), and render or "
-               "memory_effect: there paths are drawn across.")  # fmt: skip
+               f"About one of {variance:.1e} paths carries the light behind it. {enough}; or use a Slab of "
+               "index-matched faces, beams, far-field views behind it and reverse=False in render or memory_effect, "
+               "which sample paths across it.")  # fmt: skip
     reject(f"{owner} paths", f"at most {MOST_PATHS:.0e}", paths, "Ask for a larger rel_error.")
 
 

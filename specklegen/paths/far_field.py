@@ -74,7 +74,8 @@ def steepest(medium: PlaneMedium, tilts: np.ndarray) -> float:
 def lobe_loss(medium: PlaneMedium, wavelength: float, tilt: float) -> LobeLoss:
     """What endpoint factors lose between two lights a ``tilt`` (radians) apart."""
     scatterer, apart = medium.scatterer, float(f"{abs(tilt):.9g}")
-    loss = 1 - cached_result(float, ("overlap of lobes", scatterer, apart), lambda: overlap(scatterer, apart)) ** 4
+    loss = 1 - cached_result(float, ("overlap of phase functions", scatterer, apart), lambda: overlap(scatterer,
+                                                                                                      apart)) ** 4
     turns = 2 * np.pi * medium.mean_free_path / wavelength
     turns *= max(medium.indices, default=medium.faces.inside) / medium.faces.inside
     return LobeLoss(loss, turns * lobe_width(medium.scatterer) ** 2)
@@ -110,7 +111,7 @@ def _quadrature() -> tuple[np.ndarray, np.ndarray]:
 @remembered(64)
 def lobe_width(scatterer: Scatterer) -> float:
     """Tilt in radians at which |A|^2 is 1/2: pi, and more than a phase function has, where it never falls so low."""
-    return cached_result(float, ("width of a lobe", scatterer), lambda: _lobe_width(scatterer))
+    return cached_result(float, ("width of the phase function", scatterer), lambda: _lobe_width(scatterer))
 
 
 def _lobe_width(scatterer: Scatterer) -> float:

@@ -20,7 +20,8 @@ _LEAST_LIT = 0.01
 def drifted(scene: Scene) -> np.ndarray | None:
     """How far a medium that moves as one has come at each beam of a film, float64[T, 3]; None of any other medium."""
     drift = drift_of(volume_of(scene.volume, scene.dimension)) if scene.film and scene.volume.flows else None
-    return None if drift is None else (scene.beams.times - scene.beams.times[0])[:, None] * drift  # type: ignore[operator]
+    return None if drift is None else (scene.beams.times - scene.beams.times[0])[:,
+                                                                                 None] * drift  # type: ignore[operator]
 
 
 def drift_phases(scene: Scene, moved: np.ndarray, views: np.ndarray) -> np.ndarray:
@@ -63,10 +64,10 @@ def lit_elsewhere(scene: Scene, bank: PathBank) -> list[Decision]:
     if share <= _LEAST_LIT:
         return []
     if drifted(scene) is not None:
-        reject("CollimatedBeams.times", f"so close that a medium which moves as one does so by at most "
-               f"{_LEAST_LIT:g} of the window's width in path sums", moved,
-               'Use sampler="stationary", a wider window, or a shorter film.')  # fmt: skip
+        reject("CollimatedBeams.times", f"so close that the medium moves by at most {_LEAST_LIT:g} of "
+               "the illuminated width in path sums", moved,
+               'Use sampler="stationary", a wider illuminated area, or a shorter film.')  # fmt: skip
     return [Decision(
-        "flow", True, f"particles under the window move by up to {share:.2g} of its width, and paths that a flow "
-        "leaves as they are stay correlated although the window lights others", doubt=True,
+        "flow", True, f"particles move by up to {share:.2g} of the illuminated width, but path sums keep the same "
+        "paths", doubt=True,
     )]  # fmt: skip

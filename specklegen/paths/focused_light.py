@@ -76,14 +76,14 @@ def narrow_lobes(scene: Scene, reverse: bool) -> list[Decision]:
         wide = scene.illumination.sine(scene.wavelength)  # type: ignore[attr-defined]
         reject(
             "FocusedBeams.aperture", f"at most {min(passing, 0.99 * wide):.3g} for this phase function", wide,
-            f"The phase function is {lobe_width(scene.slab.scatterer):.2g} wide, and scatterers see the cone: path "
-            f"sums would look each beam up at an angle of its own, and lose {lost:.2g} of the light in focus. "
+            f"The phase function is {lobe_width(scene.slab.scatterer):.2g} wide, and scatterers receive the cone: "
+            f"path sums would lose {lost:.2g} of the light in focus. "
             "Use a smaller aperture or a wider waist.",
         )  # fmt: skip
     return [Decision(
         decision.part, False,
-        f"not reached within a mean free path, and beams of the cone meet lobes at angles of their "
-        f"own: at most {lost:.2g} of the light in focus is lost beside it, allowed {ALLOWED:g}",
+        f"not reached within a mean free path, and beams of the cone have different scattering "
+        f"angles: at most {lost:.2g} of the light in focus is lost (limit {ALLOWED:g})",
     )]  # fmt: skip
 
 

@@ -44,7 +44,7 @@ class Gaussianity:
             return "Gaussian by construction."
         if not self.contributions:
             return "not Gaussian, as phases are drawn."
-        decision = "enough paths to be Gaussian" if self.enough else "TOO FEW paths to be Gaussian: ask for more"
+        decision = "enough paths to be Gaussian" if self.enough else "TOO FEW paths to be Gaussian: use more"
         return (
             f"{decision} (about {self.contributions:.3g} effective contributions to each field, kurtosis excess "
             f"{self.kurtosis_excess:+.2g})."

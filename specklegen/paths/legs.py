@@ -83,7 +83,7 @@ class LegsOf:
             number = len(out)
             out.append(leg)
             if number >= _MOST:
-                reject(f"{self.medium.type}.layers", f"of steps that reflect light along at most {_MOST} ways", n,
+                reject(f"{self.medium.type}.layers", f"of index steps that reflect light along at most {_MOST} ways", n,
                        "Use fewer layers, or smaller steps of the index.")  # fmt: skip
             share = share * optic.passed(leg.layer)
             face = leg.layer + 1 if leg.down else leg.layer

@@ -68,7 +68,8 @@ def lens_of(scene: Scene) -> Lens:
         )  # fmt: skip
     require_memory(
         "Imaging.views", "held", (8 * len(scene.lights) + 80) * float(views) ** 2, f"{views} directions across",
-        f"The plane in focus is lit over {lit.extent:.4g}: use a smaller aperture, window or |focus|.", share=0.9,
+        f"The plane in focus is lit over {lit.extent:.4g}: use a smaller aperture, illuminated area or |focus|.",
+        share=0.9,
     )  # fmt: skip
     return Lens(scene, camera, camera.pupil_grid(views))
 

@@ -166,6 +166,6 @@ def warn_of_rare_paths(owner: str, powers: np.ndarray, expected: float = np.inf)
 
 def _counted(count: float) -> str:
     return (
-        f"about {max(1, round(count))} of the paths, rare ones of great weight: what is stated may be several "
-        "times too low. Trace ten times the paths, or more"
+        f"about {max(1, round(count))} of the paths, rare ones of large weight: the stated error may be several "
+        "times too low. Trace at least ten times as many paths"
     )

@@ -37,8 +37,9 @@ def trace_layers_that_refract(
     """Trace paths ``first`` ... ``first + count - 1`` as a proposal says (`specklegen.paths.slab_tracer`)."""
     if proposal.transfer:
         reject(
-            f"{medium.type}.motion", "none where paths through layers that refract are aimed at views", medium.motions,
-            "Leave out the motion, or the steps: light that is not aimed alone knows both, along the axis.",
+            f"{medium.type}.motion", "left out if paths through layers that refract are aimed at views", medium.motions,
+            "Leave out the motion or the index mismatch: both together are supported only along the axis, "
+            "without aiming.",
         )  # fmt: skip
     known, volume, inside = optics(medium), volume_of(medium, 3), medium.faces.inside
     stack = Stack(known.indices, volume.extinction, known.edges, *known.walls, known.outside)

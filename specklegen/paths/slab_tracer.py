@@ -60,7 +60,7 @@ def events_across(medium: PlaneMedium) -> float:
 def require_traceable(medium: Medium, events: float) -> None:
     """Refuse a medium so deep that even a pilot would not come to an end."""
     if events > MOST_EVENTS:
-        reject(f"{medium.type}.optical_depth", f"at most {MOST_EVENTS / 2.5:.0e} where little absorbs",
+        reject(f"{medium.type}.optical_depth", f"at most {MOST_EVENTS / 2.5:.0e} for little absorption",
                medium.optical_depth, "Paths scatter 2.5 times as often, some of them its square: use a thinner medium, "
                "or of a slab the closed forms of specklegen.theory.slab, which are exact there.")  # fmt: skip
 

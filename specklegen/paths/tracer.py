@@ -140,8 +140,8 @@ def _filming(tracer: Any, scene: Scene) -> Any:
     """The same paths with their momentum transfer, for all frames of a film."""
     if tracer.layout.ways is not None:
         reject(
-            f"{scene.slab.type}.motion", "none where paths are aimed through layers that refract", scene.slab.motions,
-            "Leave out the motion, or the steps; the stationary sampler alone knows both, near the axis.",
+            f"{scene.slab.type}.motion", "left out if paths are aimed through layers that refract", scene.slab.motions,
+            "Leave out the motion or the index mismatch; only the stationary sampler supports both, near the axis.",
         )  # fmt: skip
     return replace(transferring(tracer), layout=scene_layout(scene))
 

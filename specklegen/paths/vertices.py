@@ -78,7 +78,7 @@ def vertex_paths(slab: Slab, photons: int, kept: int, seed: Seed) -> VertexPaths
         Of all of them.
     """
     if not slab.faces.matched:
-        reject("vertex_paths slab", "of matched faces, which reflect nothing", slab.faces, "Leave faces out.")
+        reject("vertex_paths slab", "of index-matched faces", slab.faces, "Leave faces out.")
     words, level, parts = seed_words(seed), 0.0, []
     for part in range(-(-photons // PART)):
         count = min(PART, photons - part * PART)
@@ -89,7 +89,7 @@ def vertex_paths(slab: Slab, photons: int, kept: int, seed: Seed) -> VertexPaths
         parts.append(_thinned(walked, level, rng, part))
     whole = _joined(parts, slab.mean_free_path)
     if not whole.weight.sum() > 0:
-        reject("vertex_paths photons", "enough for some light to come back", photons, "None does.")
+        reject("vertex_paths photons", "enough that some light returns", photons, "None does.")
     return whole
 
 

@@ -102,7 +102,7 @@ def served(scene: Scene, request: Request, kinds: tuple[type[Sampler], ...]) -> 
                 return surer, own_decisions
         return chosen, decisions
     reject(  # one of a user's own: path sums serve every scene
-        "sampler", "one that serves the scene", request.asked, "; ".join(each.reason for each in decisions)
+        "sampler", "a sampler that supports the scene", request.asked, "; ".join(each.reason for each in decisions)
     )
 
 

@@ -117,8 +117,8 @@ def _enough(field: _Correlation, exposure: float, tolerance: float) -> int:
     least = _above(field, exposure, MOST_SUB_FRAMES)
     if not least <= tolerance:
         reject("CollimatedBeams.exposure",
-               f"so short that {MOST_SUB_FRAMES} instants have its squared contrast within {tolerance:g} of itself",
-               exposure, f"They are {least:.2g} off: shorten it, or say how many by sub_frames.")  # fmt: skip
+               f"so short that {MOST_SUB_FRAMES} instants reproduce its squared contrast within {tolerance:g}",
+               exposure, f"They differ by {least:.2g}: shorten the exposure, or set sub_frames.")  # fmt: skip
     return sub_frames(field, exposure, tolerance=tolerance)
 
 

@@ -55,7 +55,7 @@ def _simple_terms(scene: Scene) -> list[Decision]:
     """What beams through a slab of one kind of particle need not be asked for."""
     if scene.thin is not None or scene.lock_step_obstacle or len(scene.slab.scatterer.components) > 1:
         return []
-    reason = "zero here: far-field views, a homogeneous slab, particles of one kind"
+    reason = "zero for far-field views, a homogeneous slab and one kind of particle"
     return [Decision("near-field terms, voxels and mixtures", False, reason)]
 
 
@@ -67,7 +67,7 @@ def _motion(scene: Scene) -> list[Decision]:
         return [Decision("motion", False, "all beams are on at one time (CollimatedBeams.times)")]
     decisions = [Decision(
         "flow", True, "Doppler phases k (w_(b-1) - w_b) . V(x_b) t along every path: exact while particles move little "
-        "beside the mean free path, or all alike",
+        "compared with the mean free path, or all equally",
     )] if scene.volume.flows else []  # fmt: skip
     law, _ = fastest(scene.volume.motions) or (None, None)
     if law is None:
@@ -204,7 +204,7 @@ def planned(scene: Scene, budget: Budget, options: Options) -> Plan:
     instance(f"{options.owner} scene", scene, Scene)
     if options.mean and not scene.illumination.coherent:
         reject("mean", "False for an incoherent object, and for exposures", options.mean,
-               "What does not scatter is not modelled there.")  # fmt: skip
+               "Unscattered light is not modelled there.")  # fmt: skip
     if scene.illumination.gridded:
         return _planned_object(scene, budget, options)
     if scene.illumination.focused:
@@ -279,7 +279,7 @@ def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
     light, asked = scene.illumination, options.asked
     if asked not in (None, PathSums, Stationary, Screens):
         reject("sampler", '"auto", "stationary", "screens" or "paths" for coherent objects', asked.name,
-               "Others know no sums of beams.")  # fmt: skip
+               "Other samplers do not support sums of beams.")  # fmt: skip
     grid = scene.sensor.regular_grid
     if grid is None or asked is PathSums or scene.polarisers is not None or scene.film:
         if scene.thin is not None:
@@ -326,7 +326,8 @@ def _planned_focus(scene: Scene, budget: Budget, options: Options) -> Plan:
     asked = options.asked
     if asked not in (None, PathSums):
         reject("sampler", '"auto" or "paths" for focused beams', asked.name,
-               "Others have light under the window alone, or know no sums of beams.")  # fmt: skip
+               "Other samplers have light under the illuminated area only, or do not support "
+               "sums of beams.")  # fmt: skip
     lit, options = scene.replace(illumination=scene.beams), replace(options, sampler=PathSums, envelope=True)
     beam_plan = planned(lit, budget, options)
     afar = (scene if beam_plan.lens is None else scene.replace(sensor=beam_plan.lens.grid)).at_rest
@@ -414,21 +415,22 @@ def _too_narrow(scene: Scene, lit: LitPlane, asked: type[Sampler] | None) -> Dec
     width = (reach + lit.halo) / window.flat * window.width if window.flat else np.inf
     reason = f"95 % of the light come from up to {lit.halo:.4g} aside, and the image reaches {reach:.4g}"
     remedy = (
-        f"use a window at least {width:.4g} wide, or an image at most {max(2 * (window.flat - lit.halo), 0):.4g} across"
-        if window.flat else "use a square or a round window, which is even in its middle"
+        f"use an illuminated area at least {width:.4g} wide, or an image at most "
+        f"{max(2 * (window.flat - lit.halo), 0):.4g} across"
+        if window.flat else "use a square or a round illuminated area, which is even in its middle"
     )  # fmt: skip
     if asked is not None and asked.abilities.lens == "face":
         reject("sampler", '"paths" or "auto" for this image', asked.name,
-               f"The stationary sampler has light under the window alone: {reason}; {remedy}.")  # fmt: skip
-    return Decision("stationary image", False, f"it has light under the window alone, and {reason}")
+               f"The stationary sampler has light under the illuminated area only: {reason}; {remedy}.")  # fmt: skip
+    return Decision("stationary image", False, f"it has light under the illuminated area only, and {reason}")
 
 
 def streaming_obstacle(scene: Scene) -> str | None:
     """Why :func:`specklegen.results.render_tiles` does not serve a scene; None where it does."""
     if scene.illumination.focused:
-        return "beams that are focused, whose fields are sums over others"
+        return "focused beams, whose fields are sums over other beams"
     if scene.sensor.regular_grid is not None and getattr(scene.illumination, "exposure", None) is not None:
-        return "beams with an exposure, whose images hold no field"
+        return "beams with an exposure, whose images have no field"
     if scene.sensor.regular_grid is None or not (scene.illumination.limited and scene.illumination.coherent):
         return f"{type(scene.illumination).__name__} seen by {type(scene.sensor).__name__}"
     return scene.lock_step_obstacle

@@ -311,7 +311,7 @@ class Sampler(ABC):
         super().__init_subclass__(**kwargs)
         for former in _FORMER.keys() & vars(cls).keys():
             reject(f"{cls.__name__}.{former}", f"given by {_FORMER[former]}", vars(cls)[former],
-                   "Samplers changed: docs/extending.md has one as it is now.")  # fmt: skip
+                   "The interface of samplers changed: see the example in docs/extending.md.")  # fmt: skip
         cls.name = name or cls.__name__
         if cls.__module__ != __name__:  # bases are no samplers to be asked for
             SAMPLERS.add(cls.name, cls)
@@ -320,9 +320,9 @@ class Sampler(ABC):
     def obstacles(cls, scene: Scene) -> list[str]:
         """Say why it cannot draw a scene at all, whatever the tolerance; an empty list where nothing is known."""
         if cls.abilities.media == "volumes" and scene.thin is not None:
-            return ["draws volumes of scatterers alone"]
+            return ["draws volumes of scatterers only"]
         if cls.abilities.media == "thin" and scene.thin is None:
-            return ["draws thin screens alone"]
+            return ["draws thin screens only"]
         return []
 
     @classmethod
@@ -402,8 +402,8 @@ def require_finite(images: np.ndarray) -> np.ndarray:
 
 def _reject_range(intensity: float) -> NoReturn:
     reject(
-        "Scene intensity", f"between {LEAST_FLOAT32:g} and {MOST_FLOAT32:g}, for images are float32", intensity,
-        "Intensities are areas: give every length in a unit near the wavelength, or ask covariance, which is float64.",
+        "Scene intensity", f"between {LEAST_FLOAT32:g} and {MOST_FLOAT32:g}, since images are float32", intensity,
+        "Intensities are areas: give every length in a unit near the wavelength, or use covariance, which is float64.",
     )  # fmt: skip
 
 

@@ -97,13 +97,15 @@ class CoherentObject(Light):
         side = max(self.fields.shape[1:]) * self.pitch
         if self.width is not None and self.width < side * (1 - 1e-9):
             reject("CoherentObject.width", f"at least the side of the object, {side:.4g}", self.width,
-                   "Widen the window, or use fewer or smaller pixels.")  # fmt: skip
+                   "Widen the illuminated area, or use fewer or smaller pixels.")  # fmt: skip
         if self.waist is not None:
             dark = np.hypot(*self._axes()) > self.waist
             if (np.abs(self.fields)[:, dark] > 0).any():
-                reject("CoherentObject.waist", "so large that the beam lights all pixels that transmit", self.waist,
-                       "Beyond the 1/e^2 radius of its irradiance the object counts as dark: widen the beam, or make "
-                       "the object smaller.")  # fmt: skip
+                reject("CoherentObject.waist", "large enough that the beam illuminates all pixels that transmit",
+                       self.waist,
+                       "Beyond the 1/e^2 radius of the irradiance the object is dark: widen the beam, or make "
+                       "the object "
+                       "smaller.")  # fmt: skip
         return self
 
     @cached_property
@@ -156,7 +158,7 @@ class CoherentObject(Light):
         """
         if self.pitch < wavelength / 2:
             reject("CoherentObject.pitch", f"at least half a wavelength, {wavelength / 2:.4g}", self.pitch,
-                   "Finer pixels send evanescent waves alone. Check units: the wavelength is the one inside the "
+                   "Finer pixels send evanescent waves only. Check units: the wavelength is the one inside the "
                    "medium.")  # fmt: skip
         if self.aperture is not None and not self.aperture < largest_sine:
             reject("CoherentObject.aperture", f"below {largest_sine:.4g}", self.aperture,
@@ -171,7 +173,8 @@ class CoherentObject(Light):
             if farthest * self.pitch / abs(self.focus) > wavelength / 2:
                 least = 2 * farthest * self.pitch / wavelength
                 reject("CoherentObject.focus", f"at least {least:.4g} away", self.focus,
-                       "Nearer by, the phase of the beam turns by more than pi from pixel to pixel.")  # fmt: skip
+                       "At a shorter distance the phase of the beam changes by more than pi from "
+                       "pixel to pixel.")  # fmt: skip
         across = float(self.pixels(wavelength))
         require_memory(
             "CoherentObject.width", "held", (_WAVE_BYTES + 32.0 * len(self.fields)) * across**2,

@@ -80,7 +80,7 @@ class FocusedBeams(Light):
         if self.points.ndim != 2 or self.points.shape[1] != 3:
             reject("FocusedBeams.points", "an array of shape (T, 3)", self.points.shape)
         if self.aperture is None and self.waist is None:
-            reject("FocusedBeams.aperture", "given, or else waist", None, "Say how tightly the beams are focused.")
+            reject("FocusedBeams.aperture", "given, or waist", None, "It sets the focus of the beams.")
         return self
 
     @property
@@ -124,18 +124,20 @@ class FocusedBeams(Light):
                        "Light of larger sines does not enter the medium.")  # fmt: skip
             least = _TAIL * wavelength / (math.pi * largest_sine)
             reject("FocusedBeams.waist", f"above {least:.4g}, or given with an aperture", self.waist,
-                   "Three times its divergence is no angle.")  # fmt: skip
+                   "Three times its divergence exceeds 90 degrees.")  # fmt: skip
         cone = self._cone(wavelength)
         if not math.isfinite(cone):
             reject("FocusedBeams.points", "lengths near that of the wavelength", float(np.abs(self.points).max()))
         if self.side(wavelength) < cone * (1 - 1e-12):
             reject("FocusedBeams.width", f"at least {cone:.4g}", self.width,
-                   "The cone of the light that goes to the farthest focus is as wide as this on the entrance face, and "
-                   "what the window cuts off would come in on the other side.")  # fmt: skip
+                   "The cone of light to the farthest focus is this wide on the entrance face; with a "
+                   "narrower area its "
+                   "rim would wrap around to the other side.")  # fmt: skip
         across = 2 * self.sine(wavelength) * self.side(wavelength) / wavelength
         require_memory(
             "FocusedBeams.points", "held", (_BEAM_BYTES + 32.0 * len(self.points)) * across**2,
-            f"{across:.3g} collimated beams across", "Use a smaller aperture, a narrower window, or foci nearer by.",
+            f"{across:.3g} collimated beams across",
+            "Use a smaller aperture, a narrower window, or foci nearer to the face.",
         )  # fmt: skip
 
     def _modes(self, wavelength: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

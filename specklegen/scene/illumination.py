@@ -176,17 +176,18 @@ class CollimatedBeams(Light):
         directions = _light("CollimatedBeams.directions", self.directions)
         if (directions[:, -1] <= 0).any():
             worst = directions[directions[:, -1].argmin()]
-            reject("CollimatedBeams.directions", "directions that travel towards +z", worst,
+            reject("CollimatedBeams.directions", "directions towards +z", worst,
                    "Beams enter through the medium's face of smallest z.")  # fmt: skip
         object.__setattr__(self, "directions", directions)
         if self.times is not None and self.times.shape != (len(directions),):
-            reject("CollimatedBeams.times", f"{len(directions)} numbers, one a beam", self.times.shape)
+            reject("CollimatedBeams.times", f"{len(directions)} numbers, one for each beam", self.times.shape)
         if self.exposure is not None:
             if self.times is None:
-                reject("CollimatedBeams.exposure", "left out without times", self.exposure, "Say when: times=[0.0].")
+                reject("CollimatedBeams.exposure", "left out without times", self.exposure,
+                       "Give the time: times=[0.0].")
             self._one_each("exposure", self.exposure)
             if not (self.exposure > 0).all():
-                reject("CollimatedBeams.exposure", "above 0", self.exposure, "Leave it out for instants.")
+                reject("CollimatedBeams.exposure", "above 0", self.exposure, "Leave it out for single instants.")
         if self.sub_frames is not None:
             if self.exposure is None:
                 reject("CollimatedBeams.sub_frames", "left out without an exposure", self.sub_frames)
@@ -200,7 +201,7 @@ class CollimatedBeams(Light):
         """Store one number a beam."""
         count = len(self.directions)
         if given.shape not in ((), (count,)):
-            reject(f"CollimatedBeams.{name}", f"one number, or {count}, one a beam", given.shape)
+            reject(f"CollimatedBeams.{name}", f"one number, or {count}, one for each beam", given.shape)
         each = np.broadcast_to(given, count).copy()
         each.flags.writeable = False
         object.__setattr__(self, name, each)
@@ -344,7 +345,8 @@ class IncoherentObject(Light):
         if self.brightness.ndim != 2 or self.brightness.size == 0:
             reject("IncoherentObject.brightness", "an array of shape (h, w)", self.brightness.shape)
         require_memory("IncoherentObject.brightness", "held", 100.0 * self.brightness.size,
-                       f"{self.brightness.shape} pixels", "Each is a beam of its own: use fewer.")  # fmt: skip
+                       f"{self.brightness.shape} pixels",
+                       "Each pixel is a separate beam: use fewer pixels.")  # fmt: skip
         if (self.brightness < 0).any():
             reject("IncoherentObject.brightness", "at least 0 everywhere", float(self.brightness.min()))
         require_corner("IncoherentObject", self.brightness.shape, self.pitch)

@@ -203,8 +203,8 @@ class Imaging(Sensor):
     @property
     def directions(self) -> NoReturn:
         """None: what is seen is a sum over directions."""
-        reject("Scene.sensor", "directions or points here", "Imaging",
-               "plan and render serve a camera with a lens; others ask FarField or NearField.")  # fmt: skip
+        reject("Scene.sensor", "directions or points for this function", "Imaging",
+               "Only plan and render support a camera with a lens; use FarField or NearField here.")  # fmt: skip
 
     @property
     def sign(self) -> float:

@@ -146,8 +146,8 @@ class PlaneParallel(Bulk):
             indices = self.faces.indices if not self.indices else (*self.indices, *self.faces.indices[1:])
             reject(field, f"of sines below {self.largest_sine:.4g}, where light crosses the faces of indices {indices}",
                    sine,
-                   "Sines are those inside, in the index faces.inside: outside they are inside / outside times as "
-                   "large.")  # fmt: skip
+                   "These are sines inside the medium (index faces.inside); outside they are larger by the ratio of "
+                   "indices.")  # fmt: skip
 
     @property
     def extinction(self) -> float:
@@ -171,8 +171,8 @@ class PlaneParallel(Bulk):
 def require_still_faces(medium: PlaneParallel, owner: str) -> None:
     """Refuse a flow between faces that reflect or refract."""
     if medium.flows and medium.refracts:
-        reject(f"{owner}.motion", "at rest or random between faces that reflect", medium.motions,
-               "Leave out the flow, or the steps of the index.")  # fmt: skip
+        reject(f"{owner}.motion", "at rest or random, since its faces reflect", medium.motions,
+               "Leave out the flow or the index mismatch.")  # fmt: skip
 
 
 class Stratified(PlaneParallel, Registered):
@@ -217,7 +217,7 @@ class Stratified(PlaneParallel, Registered):
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
         if not cls._has("layers") and not cls.__name__.startswith("_"):
-            reject(f"{cls.__name__}.layers", "a property, or a field: its Layer one after the other", None)
+            reject(f"{cls.__name__}.layers", "a property, or a field with a sequence of Layer", None)
         super().__pydantic_init_subclass__(**kwargs)
         for name, value in _TOGETHER.items():
             if not cls._has(name):
@@ -242,19 +242,20 @@ class Stratified(PlaneParallel, Registered):
     def _check(self) -> Self:
         owner, layers = type(self).__name__, list(self.layers)
         if not layers or not all(isinstance(layer, Layer) for layer in layers):
-            reject(f"{owner}.layers", "at least one Layer, one after the other", layers)
+            reject(f"{owner}.layers", "a sequence of at least one Layer", layers)
         for name, value in _TOGETHER.items():
             said = getattr(self, name)
             if name != "scatterer" and not math.isclose(said, value(self), rel_tol=1e-9):
-                remedy = "Or give the field another name."
-                reject(f"{owner}.{name}", f"what its layers say, {value(self):.10g}", said, remedy)
+                remedy = "Leave it out, or rename the field."
+                reject(f"{owner}.{name}", f"the value of its layers, {value(self):.10g}", said, remedy)
         fastest(self.motions)  # laws that are no factor apart are refused
         require_still_faces(self, owner)
         for layer in layers:
             require_polarised(owner, self.polarisation, layer.scatterer, self.faces, layer.motion)
         if self.polarisation != "scalar" and self.refracts and len(merged(layers)) > 1:
-            reject(f"{owner}.{'layers' if self.indices else 'faces'}", "of one index where light is polarised",
-                   self.indices or self.faces, "Leave the steps out: a Slab alone may have faces then.")  # fmt: skip
+            reject(f"{owner}.{'layers' if self.indices else 'faces'}", "of one index, since light is polarised",
+                   self.indices or self.faces,
+                   "Use equal indices: for polarised light only a Slab may have faces.")  # fmt: skip
         return self
 
     def content(self) -> object:

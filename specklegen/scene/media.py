@@ -292,7 +292,8 @@ class VoxelGrid(_Bounded):
             reject("VoxelGrid.extinction", "at least 0 everywhere", float(self.extinction.min()))
         for name in ("albedo", "material"):
             if getattr(self, name).shape not in ((), shape):
-                reject(f"VoxelGrid.{name}", f"one number, or of extinction's shape {shape}", getattr(self, name).shape)
+                reject(f"VoxelGrid.{name}", f"one number, or an array of extinction's shape {shape}",
+                       getattr(self, name).shape)
         if (self.albedo < 0).any() or (self.albedo > 1).any():
             reject("VoxelGrid.albedo", "between 0 and 1 everywhere", self.albedo)
         if not self.scatterers:

@@ -102,8 +102,8 @@ class Motion(Registered):
             Where that is no number: one film has one law of time.
         """
         if self != other:
-            reject("motion", "of one law in all of a medium, but for the diffusion of Brownian motions", self,
-                   f"Another part moves by {other!r}.")  # fmt: skip
+            reject("motion", "of one law in the whole medium (the diffusion of Brownian motions may vary)", self,
+                   f"Another part has the motion {other!r}.")  # fmt: skip
         return 1.0
 
 
@@ -338,7 +338,7 @@ def step_roots(owner: str, motion: Motion, wavelength: float, times: np.ndarray)
                 row[m] = (covariance[n, m] - row[:m] @ root[m + 1, :m]) / root[m + 1, m]
         left = covariance[n, n] - row[:n] @ row[:n]
         if left < -_ROUNDING * covariance[n, n]:
-            reject(f"{type(motion).__name__}.mean_square", "that of random steps which depend on their lag alone", left,
-                   "No Gaussian process moves so: <Dr^2> may not grow faster than the lag squared.")  # fmt: skip
+            reject(f"{type(motion).__name__}.mean_square", "a stationary random motion", left,
+                   "No Gaussian process has it: <Dr^2> may not grow faster than the lag squared.")  # fmt: skip
         row[n] = math.sqrt(left) if left > _ROUNDING * covariance[n, n] else 0.0
     return root

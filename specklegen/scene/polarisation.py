@@ -95,19 +95,21 @@ def require_polarised(
     if polarisation == "scalar":
         return
     if faces.wall not in (None, faces.inside):
-        reject(f"{owner}.faces", "without a wall where light is polarised", faces,
-               "Echoes in a wall add up as powers, which keep no field: leave it out.")  # fmt: skip
+        reject(f"{owner}.faces", "without a wall, since light is polarised", faces,
+               "Reflections in a wall are added as powers, without polarisation: leave the wall out.")  # fmt: skip
     if motion is not None and motion.carries:
-        reject(f"{owner}.motion", "random where light is polarised", motion,
-               "Flows are known of scalar light alone: take Brownian(diffusion=...), or no polarisation.")  # fmt: skip
+        reject(f"{owner}.motion", "random, since light is polarised", motion,
+               "Flows are modelled for scalar light only: use Brownian(diffusion=...), or leave out "
+               "polarisation.")  # fmt: skip
     if polarisation == "vector" and not scatterer.has_matrix:
         reject(f"{owner}.polarisation", f'"scalar" or "projector" of {scatterer.type} particles', polarisation,
-               "S1 and S2 are known of Mie, Rayleigh and classes with amplitude_matrix, of one type.")  # fmt: skip
+               "Only Mie, Rayleigh and classes with amplitude_matrix, of one type, have S1 and S2.")  # fmt: skip
 
 
 def require_scalar(field: str, medium: Any) -> None:
     """Refuse a medium that polarises light, where nothing is known of it."""
     polarisation = getattr(medium, "polarisation", "scalar")
     if polarisation != "scalar":
-        reject(field, 'of polarisation = "scalar" here', polarisation,
-               "Polarised light is known to memory_effect, temporal_correlation, mueller_matrix, scenes.")  # fmt: skip
+        reject(field, 'of polarisation = "scalar" for this function', polarisation,
+               "Polarised light is supported by memory_effect, temporal_correlation, mueller_matrix "
+               "and scenes.")  # fmt: skip

@@ -91,8 +91,8 @@ class Scene(Value, Pictured):
         if getattr(self.illumination, "times", None) is not None:  # beams alone have any
             moves = self.medium.moves if self.thin is None else self.thin.velocities is not None
             if not moves:
-                reject(f"{self.illumination.type}.times", "left out before a medium that does not move", "times",
-                       "Only a ScreenStack with velocities moves, and a medium with a motion.")  # fmt: skip
+                reject(f"{self.illumination.type}.times", "left out for a medium at rest", "times",
+                       "Give the medium a motion, or a ScreenStack velocities.")  # fmt: skip
             if self.thin is None:
                 self._require_film()
         if self.illumination.focused:
@@ -122,23 +122,26 @@ class Scene(Value, Pictured):
         polarisation = getattr(self.medium, "polarisation", "scalar")
         if polarisation == "scalar":
             if self.polarisers is not None:
-                reject("Scene.polarisers", "left out before a medium in which light is a scalar", self.polarisers,
+                reject("Scene.polarisers", "left out for scalar light", self.polarisers,
                        'Give the Slab polarisation = "projector" or "vector".')  # fmt: skip
             return
         if self.polarisers is None:
-            reject("Scene.polarisers", "given before a polarised medium", None,
-                   "Polarisers.parallel() or crossed(); without an analyser both images of a seed add up.")  # fmt: skip
+            reject("Scene.polarisers", "given for polarised light", None,
+                   "Use Polarisers.parallel() or crossed(). For an image without analyser, add both images "
+                   "of one seed.")  # fmt: skip
         served = self.illumination.limited and (self.illumination.gridded or not self.illumination.focused)
         served = served and not self.sensor.near and not self.sensor.focused
         if not served or getattr(self.illumination, "exposure", None) is not None:
-            reject("Scene.medium", 'of polarisation = "scalar" here', polarisation,
-                   "It is known of beams and objects from afar, at single times, without any lens.")  # fmt: skip
+            reject("Scene.medium", 'of polarisation = "scalar" in this scene', polarisation,
+                   "Polarised light is supported for beams and objects in the far field, at single times, "
+                   "without a lens.")  # fmt: skip
 
     def _require_lens(self) -> None:
         """Refuse a lens before what it does not serve, an aperture that nothing fills, and pixels too large."""
         if not isinstance(self.medium, PlaneParallel) or not self.illumination.limited:
-            reject("Scene.sensor", "FarField or NearField before this medium and light", self.sensor.type,
-                   "A lens looks at a Slab or Layers under CollimatedBeams or an IncoherentObject.")  # fmt: skip
+            reject("Scene.sensor", "FarField or NearField for this medium and light", self.sensor.type,
+                   "A camera with a lens needs a Slab or Layers, and CollimatedBeams or an "
+                   "IncoherentObject.")  # fmt: skip
         camera = cast(Imaging, self.sensor)
         require_range({"Imaging.focus": abs(camera.focus), "Imaging.pitch": camera.pitch})
         camera.require_lens(self.wavelength, self.medium.faces.largest_sine)
@@ -156,17 +159,17 @@ class Scene(Value, Pictured):
         """Refuse times that fall, a motion that they make infinite, and sensors that no film is drawn for."""
         times, instants = np.asarray(self.illumination.times), np.asarray(self.beams.times)
         if (times[1:] < times[:-1]).any():
-            reject("CollimatedBeams.times", "in their order before a medium that moves", times)
+            reject("CollimatedBeams.times", "increasing, since the medium moves", times)
         if not self.illumination.coherent:
             exposure, apart = np.asarray(self.illumination.exposure), np.diff(times)
             if (apart < (1 - _TOUCHING) * exposure[:-1]).any():
                 shortest = (apart / exposure[:-1]).argmin()
-                reject("CollimatedBeams.times", "an exposure apart, at least, before a medium that moves",
+                reject("CollimatedBeams.times", "at least one exposure apart, since the medium moves",
                        float(apart[shortest]),
-                       f"A beam that is on for {exposure[shortest]:g} goes off before the next.")  # fmt: skip
+                       f"Exposures of {exposure[shortest]:g} must not overlap.")  # fmt: skip
             times = np.concatenate([instants[:1], times + exposure])
         if self.sensor.near:
-            reject("Scene.sensor", "in the far field, for films of a medium that moves", self.sensor.type)
+            reject("Scene.sensor", "in the far field, for films of a moving medium", self.sensor.type)
         flow_rows(self.volume.motions, self.dimension)  # of another dimension they are refused
         law = law_of(self.volume.motions)
         if law is not None:
@@ -183,18 +186,18 @@ class Scene(Value, Pictured):
             reject(f"{self.medium.type}.{'layers' if indices else 'faces'}",
                    f"{'of one index' if indices else 'matched'}, unless beams in space are seen from afar",
                    indices or self.medium.faces,
-                   "Points beyond a refracting face and flatland are not modelled: leave faces out, or use "
+                   "Refracting faces are modelled in three dimensions in the far field: leave faces out, or use "
                    "CollimatedBeams or an IncoherentObject with a far-field sensor.")  # fmt: skip
         light = self.illumination
         if (self.sensor.focused or (light.focused and not light.gridded)) and as_slab(self.slab) is None:
-            reject(f"{self.medium.type}.{'layers' if indices else 'faces'}", "of one index before a lens",
+            reject(f"{self.medium.type}.{'layers' if indices else 'faces'}", "of one index, for a camera with a lens",
                    indices or self.medium.faces,
-                   "Leave the steps out: a lens knows the faces of a Slab alone.")  # fmt: skip
+                   "Use equal indices: with a lens only a Slab may have faces.")  # fmt: skip
         self.slab.require_crossing(f"{self.illumination.type}.directions", self.lights)
         seen = self.sensor.corners
         if seen[..., 2].min(initial=0.0) < 0 < seen[..., 2].max(initial=0.0):
             reject(f"{self.sensor.type}.directions", "all on one side of a slab with refracting faces", "views on both",
-                   "Make a scene of either side: light of the same seed is the same.")  # fmt: skip
+                   "Make one scene for each side: the same seed gives the same light.")  # fmt: skip
         self.slab.require_crossing(f"{self.sensor.type}.directions", seen)
 
     def _require_thin(self) -> None:
@@ -204,7 +207,7 @@ class Scene(Value, Pictured):
             reject("Scene.illumination", f"CollimatedBeams or an object in front of a {medium.type}", light.type)
         if self.sensor.near or self.side < 0:
             reject("Scene.sensor", f"in the far field, in transmission, behind a {medium.type}", self.sensor.type,
-                   "Use FarField.grid(...): a thin screen sends no light back.")  # fmt: skip
+                   "Use FarField.grid(...): a thin screen reflects no light.")  # fmt: skip
         if light.gridded and getattr(light, "times", None) is not None:
             reject("CoherentObject.times", f"left out in front of a {medium.type}", "times",
                    "Make the film of its plane waves, modes(wavelength).replace(times=...), frame by frame, and add up "
@@ -240,7 +243,7 @@ class Scene(Value, Pictured):
                 "Scene.sensor",
                 f"at least {NEAREST:g} wavelengths from every source inside the medium",
                 sources[close][0],
-                "Nearer by, what the few scatterers between them do dominates, and no number of paths resolves it.",
+                "At shorter distances the few scatterers between them dominate, and no number of paths resolves them.",
             )
 
     def _require_wavelength(self) -> None:
@@ -248,7 +251,7 @@ class Scene(Value, Pictured):
         for particle in (p for scatterer in self.volume.scatterers for p, _ in scatterer.components):
             made = particle.made_for
             if made is not None and abs(made / self.wavelength - 1) > 1e-9:
-                reject(f"{particle.type}.wavelength", f"that of the scene, {self.wavelength:g}", made,
+                reject(f"{particle.type}.wavelength", f"the wavelength of the scene, {self.wavelength:g}", made,
                        "Both are the wavelength inside the medium.")  # fmt: skip
 
     def _facts(self) -> Mapping[str, object]:
@@ -422,22 +425,22 @@ class Scene(Value, Pictured):
 def require_unpolarised(owner: str, scene: Scene) -> None:
     """Refuse scenes of polarised light where nothing is known of it."""
     if scene.polarisers is not None:
-        reject(f"{owner} scene", "one without polarisers", scene.polarisers,
-               "render and covariance know polarised light.")  # fmt: skip
+        reject(f"{owner} scene", "a scene without polarisers", scene.polarisers,
+               "Use render or covariance for polarised light.")  # fmt: skip
 
 
 def require_no_focus(owner: str, scene: Scene) -> None:
     """Refuse focused light where every light is a beam of its own."""
     if scene.illumination.focused:
-        reject(f"{owner} scene", "lit by beams that are not focused", scene.illumination.type,
+        reject(f"{owner} scene", "lit by collimated beams", scene.illumination.type,
                "Use render, mean_field or transmission_matrix, or the collimated beams, scene.beams.")  # fmt: skip
 
 
 def require_no_film(owner: str, scene: Scene) -> None:
     """Refuse films of media that move where nothing of time is known."""
     if scene.film or not (scene.illumination.coherent or scene.hides_object):
-        reject(f"{owner} scene", "one without times of its beams", "CollimatedBeams.times",
-               "Render its film, or ask temporal_correlation for what is left of the field after a time.")  # fmt: skip
+        reject(f"{owner} scene", "a scene without times of beams", "CollimatedBeams.times",
+               "Render its film, or compute the correlation in time by temporal_correlation.")  # fmt: skip
 
 
 def require_range(lengths: dict[str, float]) -> None:

@@ -92,7 +92,7 @@ class PhaseScreen(_Thin):
         assert self.index is not None
         if not (square < min(1.0, self.index**2)).all():
             reject("PhaseScreen.phase sine", f"below {min(1.0, self.index):g}", float(np.sqrt(square.max())),
-                   "Beyond it no light passes the face.")  # fmt: skip
+                   "No light passes the face at larger sines.")  # fmt: skip
         # n - 1 and what the tilt adds to it, without cancellation
         added = square / (1 + np.sqrt(1 - square)) - square / (self.index + np.sqrt(self.index**2 - square))
         return np.abs(2 * np.pi / wavelength * self.rms_height * (self.index - 1 + added))
@@ -170,8 +170,8 @@ class GroundGlass(_Thin):
         if self.grit is not None and self.grit not in GRITS:
             reject("GroundGlass.grit", f"one of {', '.join(map(str, GRITS))}", self.grit, "Or give an angle.")
         if self.grit is not None and self.rms_height is not None:
-            reject("GroundGlass.rms_height", "left out where a grit is given", self.rms_height,
-                   "Use a PhaseScreen for a roughness of your own.")  # fmt: skip
+            reject("GroundGlass.rms_height", "left out if a grit is given", self.rms_height,
+                   "For another roughness use a PhaseScreen.")  # fmt: skip
         # What is assumed of the face is known in micrometres.
         return self if self.rms_height is not None else marked(self, Mark(self.unit))
 
@@ -232,7 +232,7 @@ class ScreenStack(_Thin):
         if len(self.gaps) != len(self.screens) - 1:
             reject("ScreenStack.gaps", f"{len(self.screens) - 1} numbers for {len(self.screens)} screens", self.gaps)
         if self.velocities is not None and len(self.velocities) != len(self.screens):
-            reject("ScreenStack.velocities", f"{len(self.screens)} pairs (x, y), one a screen", self.velocities)
+            reject("ScreenStack.velocities", f"{len(self.screens)} pairs (x, y), one for each screen", self.velocities)
         return self
 
     @cached_property
@@ -306,16 +306,16 @@ def require_thin(medium: ThinMedium, wavelength: float) -> ScreenStack:
     if shortest < wavelength:
         reject(
             f"{medium.type}.correlation_length", f"at least the wavelength, {wavelength:g}", shortest,
-            "A finer phase scatters into evanescent waves and around right angles, and is no thin screen.",
+            "A finer phase scatters into evanescent waves and is no thin screen.",
         )  # fmt: skip
     if float(stack.correlation_lengths.max()) > _MOST_WAVES * wavelength:
         reject("wavelength", f"at least {1 / _MOST_WAVES:g} of a screen's correlation length", wavelength,
-               "Phases over more wavelengths have no digits left.")  # fmt: skip
+               "Phases over more wavelengths lose their precision.")  # fmt: skip
     angle = stack.rms_angle(wavelength)
     if angle > STEEPEST:
         reject(
             f"{medium.type}", f"of an rms angle (sqrt(2) sigma / (k xi)) of at most {STEEPEST:.3g}", f"{angle:.3g}",
-            "Light at wider angles is no paraxial field: lower the rms phase, raise the correlation length, or use a "
+            "Light at wider angles is not paraxial: lower the rms phase, raise the correlation length, or use a "
             "Slab.",
         )  # fmt: skip
     return stack

@@ -69,7 +69,8 @@ class Sensor(Registered):
         if cls.is_member():
             cls.near = _says(cls, "points")
             if not _says(cls, "shape"):  # a field of that name may not hide a property of a base
-                cls.shape = property(lambda self: self.vectors.shape[:-1], doc="Shape of an image.")  # type: ignore[assignment]
+                cls.shape = property(lambda self: self.vectors.shape[:-1],
+                                     doc="Shape of an image.")  # type: ignore[assignment]
 
     if TYPE_CHECKING:
 
@@ -208,7 +209,7 @@ class FarFieldGrid(Sensor):
         if 8 * max(self.shape) > 0.1 * memory_limit():  # of one axis, before it is allocated
             reject(
                 "FarFieldGrid.shape", f"at most {int(0.1 * memory_limit() / 8):.1e} views a side here", self.shape,
-                "A render holds tilts x views fields of 8 bytes: use fewer views, or stream tiles of them.",
+                "A render keeps 8 bytes for each tilt and view: use fewer views, or render tiles.",
             )  # fmt: skip
         x, y = self.sines
         corner = np.hypot(np.abs(x).max(), np.abs(y).max())
@@ -221,8 +222,8 @@ class FarFieldGrid(Sensor):
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
         changed = sorted(vars(cls).keys() & _GRID)
         if changed:
-            reject(f"{cls.__name__}", "a grid as FarFieldGrid is, whose pitch and center say all views", changed,
-                   "Views that lie otherwise are a sensor of their own: subclass Sensor.")  # fmt: skip
+            reject(f"{cls.__name__}", "a regular grid, such as FarFieldGrid", changed,
+                   "For other views subclass Sensor.")  # fmt: skip
         super().__pydantic_init_subclass__(**kwargs)
 
     @property

@@ -101,7 +101,7 @@ def idealisations(
     decisions = []
     if scene.thin is None and not scene.volume.refracts and refractive_index != 1:
         index = "" if refractive_index is None else f" although the refractive index is {refractive_index:g}"
-        remedy = "Slab.faces, or a laboratory's refractive_index" if not scene.volume.has_sides else "of a Slab alone"
+        remedy = "Slab.faces, or refractive_index of a lab" if not scene.volume.has_sides else "of a Slab alone"
         decisions.append(Decision(
             "faces", False, f"idealised: no refractive-index mismatch{index}; in air or water, faces reflect and halve "
             f"the memory-effect range or more ({remedy})",

@@ -79,7 +79,7 @@ def stack_axes(scene: Scene, drift: np.ndarray | None = None) -> tuple[Axis, Axi
         guarded = span + GUARD * scene.wavelength / beams.width
         if guarded / grid.pitch + 1 > MAX_PERIOD:
             reject("CollimatedBeams.directions",
-                   f"within the reach of a transform of {MAX_PERIOD} views for the stationary sampler",
+                   f"within a transform of {MAX_PERIOD} views, for the stationary sampler",
                    f"tilts {reach:.3g} apart along {name}, {guarded / grid.pitch:.3g} views of pitch {grid.pitch:.3g} "
                    f"with their guard of {GUARD} grains",
                    'Use sampler="paths", a coarser pitch, or fewer and closer tilts.')  # fmt: skip
@@ -87,8 +87,8 @@ def stack_axes(scene: Scene, drift: np.ndarray | None = None) -> tuple[Axis, Axi
         if drift is not None:
             moved = float(np.abs(drift[:, axis]).max(initial=0.0))
             if moved / axes[-1].size > MAX_PERIOD / 2:
-                reject("CollimatedBeams.times", f"so few that the pattern moves by at most {MAX_PERIOD} cells", moved,
-                       "Make films of fewer frames: far apart they are independent.")  # fmt: skip
+                reject("CollimatedBeams.times", f"so few that the pattern shifts by at most {MAX_PERIOD} cells", moved,
+                       "Make several films of fewer frames: distant frames are independent.")  # fmt: skip
             axes[-1] = axes[-1].wider(moved)
     return axes[0], axes[1]
 

@@ -70,7 +70,7 @@ def _differentiated(name: str, operator: Callable[..., Any]) -> Callable[..., An
                 return operator(*arguments)
         if name in STEPWISE:
             reject(f"specklegen::{name}", "given tensors without a derivative", "a tensor that requires one",
-                   f"Its value goes in steps: differentiate {STEPWISE[name]}.")  # fmt: skip
+                   f"Its value is a step function: differentiate {STEPWISE[name]}.")  # fmt: skip
         return FORMS[name](*arguments)
 
     return run

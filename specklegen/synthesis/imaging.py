@@ -279,7 +279,7 @@ class Imaging:
         rows, columns = self.lags
         require_time("object_imaging", seconds({"image": frames * least}, 1),
                      f"an image of {lit} bright pixels by {self.rank} modes on {columns} x {rows} points",
-                     "Use a narrower window, a smaller camera, or an object of fewer pixels.")  # fmt: skip
+                     "Use a narrower illuminated area, a smaller camera, or an object of fewer pixels.")  # fmt: skip
         return points
 
     def nodes(self, light: torch.Tensor, frames: int, draws: int) -> list[Nodes] | None:
@@ -317,7 +317,7 @@ class Imaging:
             Transverse wave number between neighbouring beams, radians per unit length.
         """
         if amplitudes.shape[1:] != self.shape:
-            reject("superposed amplitudes", f"of shape {self.shape}, one a beam", tuple(amplitudes.shape[1:]))
+            reject("superposed amplitudes", f"of shape {self.shape}, one for each beam", tuple(amplitudes.shape[1:]))
         waves = amplitudes
         for axis, count in enumerate(self.shape):
             # Waves are counted from the first cell here, from the middle of the window there.
@@ -741,5 +741,5 @@ def _require_room(rows: int, columns: int, lags: tuple[int, int], modes: int, pr
     held = field_bytes(rows, columns, lags, modes, precise)
     require_memory(
         "object_imaging", "held", held, f"{counted(modes, 'mode')} on {columns} x {rows} cells of the exit face",
-        "Use a narrower window (window.width) or a smaller field of view.",
+        "Use a narrower illuminated area (window.width) or a smaller field of view.",
     )  # fmt: skip

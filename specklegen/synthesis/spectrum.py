@@ -150,7 +150,7 @@ def estimate_spectral_correlation(
     """
     if refracting_layers(medium):
         reject("estimate_spectral_correlation medium", "of one index, or a Slab behind its faces", medium,
-               "Leave the steps out.")  # fmt: skip
+               "Use equal indices.")  # fmt: skip
     tracer = axial_tracer(medium)
     bank = tracer.trace(seed, paths, threads=threads)
     weight = contributions(tracer.layout, bank)

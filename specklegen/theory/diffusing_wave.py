@@ -111,7 +111,8 @@ def inferred_depths(field: float, x: float, *, extrapolation: float = EXTRAPOLAT
 
     ends = 0.0, np.log(_MOST_DEPTHS)
     if not excess(ends[0]) > 0 > excess(ends[1]):
-        reject("inferred_depths field", f"one of a slab of 1 to {_MOST_DEPTHS:g} transport lengths at x = {x:g}", field,
+        reject("inferred_depths field", f"that of a slab of 1 to {_MOST_DEPTHS:g} transport lengths at x = {x:g}",
+               field,
                "Choose a lag at which g1 is between 0.1 and 0.9.")  # fmt: skip
     return float(np.exp(root_scalar(excess, bracket=ends, xtol=1e-14).root))
 

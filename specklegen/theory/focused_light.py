@@ -56,7 +56,7 @@ def gaussian_focus(
         reject("gaussian_focus places", "of shape (P, 3), and focus of shape (3,)", (places.shape, focus.shape))
     if waist < wavelength / 2:
         reject("gaussian_focus waist", f"at least half a wavelength, {wavelength / 2:g}", waist,
-               "Tighter beams have waves that travel backwards.")  # fmt: skip
+               "Tighter beams have backward waves.")  # fmt: skip
     if not sharpness >= 0 or (sharpness > 0 and direction is None):
         reject("gaussian_focus sharpness", "at least 0, and 0 without a direction", sharpness)
     k = 2 * np.pi / wavelength

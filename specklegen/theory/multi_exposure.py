@@ -75,7 +75,7 @@ def multi_exposure_fit(
     times = array_from_zero("multi_exposure_fit exposures", exposures, above=True, finite=True)
     squared = array_from_zero("multi_exposure_fit contrast_squared", contrast_squared, above=True, finite=True)
     if times.ndim != 1 or len(np.unique(times)) < 2:
-        reject("multi_exposure_fit exposures", "two different ones at least, in one row", times)
+        reject("multi_exposure_fit exposures", "a list of at least two different exposures", times)
     if squared.shape[-1:] != times.shape:
         reject("multi_exposure_fit contrast_squared", f"of {len(times)} exposures along the last axis", squared.shape)
     if not 0 < real_number("multi_exposure_fit beta", beta) <= 1:

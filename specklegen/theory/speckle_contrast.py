@@ -125,7 +125,8 @@ def correlation_time(
     exposure = array_from_zero("correlation_time exposure", exposure, above=True)
     rho, beta = _shares("correlation_time", dynamic_share, beta)
     if rho == 0:
-        reject("correlation_time dynamic_share", "above 0", dynamic_share, "Light that all stands still has no time.")
+        reject("correlation_time dynamic_share", "above 0", dynamic_share,
+               "For a medium at rest the time is undefined.")
     squared, exposure = np.broadcast_arrays(squared, exposure)
     floor = (1 - rho) ** 2
     target = squared / beta
@@ -316,7 +317,7 @@ def sub_frames(field: FieldCorrelation, exposure: Annotated[float, TIME], *, tol
     while not held(enough):
         enough *= 2
         if enough > _MOST_FRAMES:
-            reject("sub_frames tolerance", f"one that {_MOST_FRAMES} frames reach", tolerance, "Shorten the exposure.")
+            reject("sub_frames tolerance", f"reachable with {_MOST_FRAMES} frames", tolerance, "Shorten the exposure.")
     low = enough // 2
     while enough - low > 1:
         middle = (low + enough) // 2
@@ -407,7 +408,7 @@ def motion_contrast_estimate(
     n = _grains("motion_contrast_estimate", grains)
     if sub_frame_contrast_squared(field, exposure, _MOST_SIDE) > (1 + _TRACES) * contrast_squared(field, exposure):
         reject("motion_contrast_estimate exposure", f"so short that {_MOST_SIDE} sub-frames are enough", exposure,
-               "By its value alone a contrast that small is estimated as contrast_estimate says.")  # fmt: skip
+               "For the value of such a small contrast use contrast_estimate.")  # fmt: skip
     count = max(sub_frames(field, exposure, tolerance=_TRACES), 2)
     matrix = toeplitz(np.asarray(field(exposure / count * np.arange(count)))) / count
     twice = matrix @ matrix

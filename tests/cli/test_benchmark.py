@@ -51,7 +51,7 @@ def test_a_function_of_a_file_is_scored(mine, tmp_path):
 @pytest.mark.parametrize(("words", "said"), [
     (["mine"], "FILE.py:NAME"), (["{file}:odd"], "a function 'odd' of"), (["{file}:number"], "a function 'number' of"),
     (["nowhere.py:f"], "can be imported"), (["no_such_module_of_mine:f"], "can be imported"),
-    (["--no-baselines"], "at least one without baselines"), (["--task", "thick"], "one of unseen media"),
+    (["--no-baselines"], "at least one function with --no-baselines"), (["--task", "thick"], "one of unseen media"),
 ])  # fmt: skip
 def test_what_is_no_function_is_refused(words, said, mine, tmp_path):
     result = run(*(word.format(file=mine) for word in words), "--out", tmp_path / "out")

@@ -192,7 +192,7 @@ def test_memory_effect_in_time(tmp_path):
         (("--lags", "-1"), "--lags must be above 0 and finite"),
         (("--lags", "nan"), "--lags must be above 0 and finite"),
         (("--diffusion", "1"), "--diffusion must be left out without --lags"),
-        (("--lags", "1", "--material", "ground-glass", "--wavelength", "0.5"), "--lags must be left out of thin"),
+        (("--lags", "1", "--material", "ground-glass", "--wavelength", "0.5"), "--lags must be left out for thin"),
     ):
         assert says in refused("memory-effect", *words), words
 
@@ -225,12 +225,12 @@ def test_generate_resumes_and_previews(tmp_path):
     ("[material]\ng = 2.0", "error: material.g must be between -1 and 1"),
     ("[material]\nscatterer = {type = 'HenyeyGreenstein', g = 2.0}", "error: material.scatterer.g must be between"),
     ("[material]\nscatterer = {type = 'Tabulated'}", "error: material.scatterer."),
-    ("[objects]\nshap = [8, 8]", "error: objects.shap must be absent: there is no such field; got [8, 8]."),
-    ("g = 0.5", "error: g must be absent: there is no such field; got 0.5. Did you mean material.g?"),
+    ("[objects]\nshap = [8, 8]", "error: objects.shap must be left out: there is no such field; got [8, 8]."),
+    ("g = 0.5", "error: g must be left out: there is no such field; got 0.5. Did you mean material.g?"),
     ("[matrial]\ng = 0.5", "Did you mean material?"),
     ("[samples]\ntrain = 0", "error: samples.train must be at least 1"),
     ("kind = 'hiden-object'", "error: recipe.kind must be"),
-    ("[objects]\ntype = 'Folder'\npath = 'nowhere'", "error: objects.path must be a folder that exists"),
+    ("[objects]\ntype = 'Folder'\npath = 'nowhere'", "error: objects.path must be an existing folder"),
 ])  # fmt: skip
 def test_errors_speak_of_the_tables_of_a_file(table, says, tmp_path, capsys):
     file = tmp_path / "mine.toml"

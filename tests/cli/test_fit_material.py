@@ -30,12 +30,12 @@ def test_a_recipe_is_written_and_intervals_are_printed(tmp_path):
 
 
 @pytest.mark.parametrize(("words", "rule"), [
-    (("--transmittance", "a third"), "fit-material --transmittance must be a number"),
+    (("--transmittance", "a third"), "fit material --transmittance must be a number"),
     (("--transmittance", "31"), "Transmittance value must be a share"),
-    (("--known", "g"), "fit-material --known must be a name and a number"),
-    (("--out", "bench.txt"), "fit-material --out must be a file whose name ends in .toml"),
+    (("--known", "g"), "fit material --known must be a name and a number"),
+    (("--out", "bench.txt"), "fit material --out must be a file whose name ends in .toml"),
     (("--free", "depth"), "fit_material free must be made of"),
-    (("--tilt", "nowhere.csv"), "read_curve path must be a file that is there; got 'nowhere.csv'."),
+    (("--tilt", "nowhere.csv"), "read_curve path must be an existing file; got 'nowhere.csv'."),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused(words, rule):
     done = invoke(*words)

@@ -14,7 +14,8 @@ def test_another_family_keeps_shape_and_slabs_and_no_field_of_the_old_one():
     assert found.objects == Points(shape=(20, 24))
     assert found.media_group == 4
     assert found.material == load_recipe("one-angular-size").material
-    assert load("any-object", ["objects.count=7"], objects="Points").objects == Points(count=7)  # type: ignore[attr-defined]
+    assert load("any-object", ["objects.count=7"],
+                objects="Points").objects == Points(count=7)  # type: ignore[attr-defined]
 
 
 def test_images_of_a_folder_take_the_place_of_any_family(tmp_path):
@@ -29,7 +30,7 @@ def test_images_of_a_folder_take_the_place_of_any_family(tmp_path):
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (("one-angular-size", None, "folder", "Points"), "--objects must be left out where --images is given"),
-    (("tilt-stack", None, None, "Points"), "recipe must be one with hidden objects where --images or --objects"),
+    (("tilt-stack", None, None, "Points"), "recipe must be a recipe with hidden objects, for --images or --objects"),
     (("one-angular-size", ["objects=3"], None, "Points"), "--set objects must be a table where"),
     (("one-angular-size", None, None, "Ponits"), r"ObjectFamily\.type must be one of"),
 ])  # fmt: skip

@@ -94,7 +94,7 @@ def test_pages_of_one_pattern_are_averaged_and_it_is_said(setup, tmp_path, monke
     words, given = ("--setup", setup / "setup.toml", "--json", "--fast", "--out", tmp_path), []
     result = run("reconstruct", setup / "pages.tif", *words)
     assert result.exit_code == 0, result.output
-    assert "pages.tif: the mean of 3 frames was taken" in json.loads(result.output)["notes"][0]
+    assert "pages.tif: its 3 frames show one pattern" in json.loads(result.output)["notes"][0]
     monkeypatch.setattr("specklegen.models.recoverability.assessment.reconstruct", lambda stack, *a,
                         **k: given.append(stack))  # fmt: skip
     for name in ("pages.tif", "mean.npy"):
@@ -109,7 +109,7 @@ def test_pages_of_other_patterns_need_the_option(setup, tmp_path):
     result = run(*words)
     assert isinstance(result.exception, RuleError), result.output
     assert "frames of one pattern" in str(result.exception)
-    assert "Give --frames" in str(result.exception)
+    assert "Add --frames" in str(result.exception)
     result = run(*words, "--frames", "--json")
     assert result.exit_code == 0, result.output
     assert len(json.loads(result.output)["images"]) == 1
@@ -118,10 +118,10 @@ def test_pages_of_other_patterns_need_the_option(setup, tmp_path):
 @pytest.mark.parametrize(("words", "message"), [
     (["one.tiff", "small.npy", "--setup", "setup.toml"], "of one size"),
     (["setup.toml", "--setup", "setup.toml"], "a file that ends in"),
-    (["missing.png", "--setup", "setup.toml"], "a picture that can be read"),
+    (["missing.png", "--setup", "setup.toml"], "an existing file"),
     (["bright.tif", "--setup", "setup.toml"], "must be brighter than the black level"),
     (["one.tiff", "--setup", "unknown-slab"], r"setup window\.width must be a length"),
-    (["one.tiff", "--setup", "tilt-stack"], "one with hidden objects"),
+    (["one.tiff", "--setup", "tilt-stack"], "a recipe with hidden objects"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused(setup, tmp_path, words, message):
     bright = np.zeros((2, 96, 96), np.uint16)
@@ -197,8 +197,8 @@ def test_a_grain_that_the_photograph_contradicts_is_replaced():
     grain, doubts = _found_grain(images, ["a", "b"], told(3.1))
     assert 2.0 < grain < 2.4
     assert [doubt.split(":")[0] for doubt in doubts[:2]] == ["a", "b"]
-    assert all("says 3.1 pixels a grain, the photograph 2." in doubt for doubt in doubts[:2])
-    assert "--grain 3.1 keeps the setup's" in doubts[2]
+    assert all("size is 3.1 pixels by the setup, but 2." in doubt for doubt in doubts[:2])
+    assert "for that of the setup, give --grain 3.1" in doubts[2]
     assert _found_grain(images[:, :80, :80], ["a", "b"], told(3.1)) == (None, [])  # no room to tell
     assert _found_grain(images, ["a", "b"], load_recipe("one-angular-size")) == (None, [])  # no thin medium
     # The deviance of the second is nearly that of the right setup, 0.224; with the wrong grain it is 0.292.
@@ -233,6 +233,6 @@ def test_objects_through_one_medium_are_found_together(tmp_path):
         alike = pearson(align(image, target), target).mean()
         assert (alike > 0.9) == (name == "one")
     result = run("reconstruct", files[0], "--together", "--setup", tmp_path / "setup.toml", "--out", tmp_path)
-    assert "two or more, with --together" in str(result.exception)
+    assert "two or more images, with --together" in str(result.exception)
     words = ("--together", "--frames", "--setup", tmp_path / "setup.toml", "--out", tmp_path)
     assert "alone" in str(run("reconstruct", *files, *words).exception)

@@ -42,7 +42,7 @@ def test_it_starts_from_a_model(tmp_path):
     assert "| network at the start |" in (tmp_path / "second" / "summary.md").read_text()
     assert json.loads((tmp_path / "second" / "run.json").read_text())["training"]["width"] == 4
     refused = CliRunner().invoke(commands.app, [*words, "--network", "residual"])
-    assert "train --network must be that of the model to start from (unet), or left out" in str(refused.exception)
+    assert "train --network must be left out, or that of the model to start from (unet)" in str(refused.exception)
 
 
 def test_it_trains_on_samples_drawn_by_the_law(tmp_path):

@@ -303,7 +303,7 @@ def test_copula_refuses_what_is_no_schell_model():
 @pytest.mark.parametrize(("call", "message"), [
     (lambda: gaussian_schell_model(line(3), -1.0), "coherence_length must be at least 0; got -1.0"),
     (lambda: gaussian_schell_model(np.eye(3), 1.0), "a list of at least one position"),
-    (lambda: gaussian_schell_model(line(3), 9.0, np.ones(2)), "3 numbers, one a position"),
+    (lambda: gaussian_schell_model(line(3), 9.0, np.ones(2)), "3 numbers, one for each position"),
     (lambda: coherent_modes(np.ones((2, 3))), "a square matrix"),
     (lambda: coherent_modes(np.array([[1, 1j], [1j, 1]])), "Hermitian"),
     (lambda: coherent_modes(np.eye(3), n_modes=0), "n_modes must be at least 1 and at most 3; got 0"),
@@ -318,7 +318,7 @@ def test_copula_refuses_what_is_no_schell_model():
     (lambda: spectral_degree_of_coherence(np.diag(HOLED)), "finite everywhere"),
     (lambda: propagate_csd(np.ones((2, 4)), np.eye(3)), "a response to the 3 points of W0 along its last axis"),
     (lambda: propagate_csd(np.diag(HOLED), np.eye(3)), "propagate_csd G must be finite everywhere"),
-    (lambda: intensity_from_modes(np.eye(3), np.eye(3), -line(3)), "3 powers of at least 0, one a mode"),
+    (lambda: intensity_from_modes(np.eye(3), np.eye(3), -line(3)), "3 powers of at least 0, one for each mode"),
     (lambda: intensity_from_modes(np.ones((2, 4)), np.eye(3), np.ones(3)), "the 3 points of modes"),
 ])  # fmt: skip
 def test_bad_input_is_refused_in_the_house_format(call, message):

@@ -21,7 +21,8 @@ def test_full_coherence():
 
 
 def test_wavelengths_whose_phases_have_no_digits_are_refused():
-    with pytest.raises(ValueError, match=r"CylindricalFocus\.wavelength must be at least 1e-11 of the longest way"):
+    with pytest.raises(ValueError,
+                       match=r"CylindricalFocus\.wavelength must be at least 1e-11 of the longest distance"):
         focus().replace(wavelength=1e-300)
 
 

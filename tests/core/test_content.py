@@ -66,7 +66,7 @@ def test_a_recipe_loaded_anew_renders_the_new_class_and_an_old_one_is_refused():
     new = own_recipe()
     assert new.fingerprint() != fingerprint
     assert new.sample(0, "train", 0)["parameters"]["g"] == pytest.approx(0.968, abs=1e-3)
-    assert_refused(lambda: old.sample(0, "train", 1), r"Material\.scatterer must be of a class that is as it was")
+    assert_refused(lambda: old.sample(0, "train", 1), r"Material\.scatterer must be of a class that is unchanged")
     assert old.fingerprint() == fingerprint
 
 

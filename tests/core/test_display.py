@@ -125,7 +125,7 @@ TABLES = {"joint correlation": {"tilts (sine)": "3 values, 0 to 0.002", "|C|": "
           "plan": {"memory": "", "time": "", "stationary sampler": "left out: "},
           "reflectance of a box": {"share out of the sides": "0.4375 ± 0.06"},
           "stack": {"paths": "64", "mean field added": "no", "speckle": "enough paths"},
-          "what images together tell": {"turned from what was given": "1 of 3"}}  # fmt: skip
+          "what images together tell": {"turned by 180 degrees": "1 of 3"}}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SHOWN)

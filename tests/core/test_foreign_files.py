@@ -29,7 +29,7 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_refused(tmp_path):
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "bomb.h5", "w") as file:
         file.create_dataset("frames", (2, 8, 8), np.uint8, maxshape=(None, None, None), chunks=(512, 1024, 1024))
-    with pytest.raises(RuleError, match="unpack to more than 256 MiB"):
+    with pytest.raises(RuleError, match="decompress to more than 256 MiB"):
         read_raw("frames", tmp_path / "bomb.h5")
 
 
@@ -55,7 +55,7 @@ def test_an_entry_without_end_or_of_gigabytes_is_refused(tmp_path, monkeypatch):
     with pytest.raises(RuleError, match="nested at most 64"):
         read_entry(tmp_path / "deep.json")
     monkeypatch.setattr("specklegen.core.tables.LARGEST_TEXT", 9)
-    with pytest.raises(RuleError, match="a text of at most"):
+    with pytest.raises(RuleError, match="a text file of at most"):
         read_entry(tmp_path / "deep.json")
 
 

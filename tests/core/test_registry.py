@@ -49,7 +49,7 @@ def test_two_things_of_one_name_are_refused_and_one_defined_anew_is_not():
 
     things.add("own", first)
     things.add("own", first)
-    assert_refused(lambda: things.add("own", again()), "thing name must be one that no other thing has")
+    assert_refused(lambda: things.add("own", again()), "thing name must be unique among names of thing")
 
 
 @pytest.mark.parametrize("text", ["a:B", "a.b:C", "./a:B", "../x y/a:B", "/abs/a.b:C", "a.py:B", "~/a:B"])
@@ -91,7 +91,7 @@ def test_a_module_of_a_name_that_is_taken_is_refused_and_not_mistaken(write, tmp
     one = write("registry_twice", "def own(): return 1\n", tmp_path / "one")
     two = write("registry_twice", "def own(): return 2\n", tmp_path / "two")
     assert imported("field", f"{one}/registry_twice:own")() == 1
-    with pytest.raises(RuleError, match=r"field must be of a module whose name no other has.*rename"):
+    with pytest.raises(RuleError, match=r"field must be the path of a module with a unique name.*rename"):
         imported("field", f"{two}/registry_twice:own")
 
 

@@ -192,7 +192,7 @@ def test_the_fingerprint_changes_with_any_field():
 # ---- Frozen, replace -----------------------------------------------------------------------------------
 def test_values_are_frozen():
     value = scene()
-    with pytest.raises(RuleError, match=r"Scene\.wavelength must be left as it is.*\.replace"):
+    with pytest.raises(RuleError, match=r"Scene\.wavelength must be unchanged.*\.replace"):
         value.wavelength = 1.0
     with pytest.raises(ValueError, match="read-only"):
         value.beams.directions[0, 0] = 1.0
@@ -253,7 +253,7 @@ def test_spheres_must_be_made_for_the_wavelength_of_the_scene():
     pytest.importorskip("miepython")
     sphere = sg.Mie(radius=0.3, wavelength=0.5, refractive_index=1.2)
     scene(medium=slab(scatterer=sphere))
-    with pytest.raises(RuleError, match=r"Mie\.wavelength must be that of the scene, 0\.6"):
+    with pytest.raises(RuleError, match=r"Mie\.wavelength must be the wavelength of the scene, 0\.6"):
         scene(wavelength=0.6, medium=slab(scatterer=sphere))
 
 

@@ -37,7 +37,7 @@ SAID = [
     ({"g": "inf"}, State(), "g must be a number"),
     ({"g": "<b>"}, State(), "g must be a number"),
     ({"lobe": "Mie"}, State(), "lobe must be one of HenyeyGreenstein, VonMisesFisher; got Mie."),
-    ({"unknown": "1"}, State(), "unknown: no control has that name"),
+    ({"unknown": "1"}, State(), "unknown is no control and is ignored"),
 ]
 
 

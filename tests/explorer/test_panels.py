@@ -167,7 +167,7 @@ def test_a_glass_that_glides_forgets_as_it_says():
     assert np.corrcoef(lone.images.reshape(2, -1))[0, 1] > 0.99
     assert pair.correlation < 0.9
     assert np.interp(pair.fallen, pair.lags, pair.intensity) == pytest.approx(0.5, abs=0.02)
-    assert "A lone glass keeps its pattern" in page._moved(GLASS.replace(camera=64))
+    assert "A single glass keeps its pattern" in page._moved(GLASS.replace(camera=64))
 
 
 def test_a_laboratory_is_what_its_lengths_say():

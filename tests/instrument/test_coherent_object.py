@@ -207,7 +207,7 @@ def test_thin_media_are_planned_by_the_screens_sampler(medium):
     (r"CoherentObject\.focus must be at least", {"focus": 100.0}),
     (r"CoherentObject\.focus must be other than 0", {"focus": 0.0}),
     (r"CoherentObject\.times must be 1 numbers", {"times": [[0.0, 1.0]]}),
-    (r"CoherentObject\.times must be left out before a medium that does not move", {"times": [0.0, 1.0]}),
+    (r"CoherentObject\.times must be left out for a medium at rest", {"times": [0.0, 1.0]}),
 ])  # fmt: skip
 def test_refused(message, change):
     assert_refused(lambda: scene(CoherentObject(**{"field": LETTER, "pitch": 20.0} | change)), message)

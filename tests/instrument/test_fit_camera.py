@@ -106,7 +106,7 @@ def test_hot_pixels_are_left_out_and_told():
     for stack in (*pairs, dark):
         stack.reshape(len(stack), -1)[:, hot] += own.poisson(400, (len(stack), 30)).astype(np.uint16)
     fit = sg.fit_camera(pairs, dark)
-    assert fit.doubts[0] == "30 hot pixels left out, by the dark frames"
+    assert fit.doubts[0] == "30 hot pixels left out, found in the dark frames"
     assert_z([fit.gain, fit.offset], [2.5, 20.0], [fit.gain_error, fit.offset_error])
 
 
@@ -147,7 +147,7 @@ def compressed(pair):
 
 BAD = {
     "single frames": (lambda p, d: ([pair[0] for pair in p], d),
-                      "of shape .frames, rows, columns.*take two of one light"),
+                      "of shape .frames, rows, columns.*take two at one light level"),
     "copies": (lambda p, d: ([pair[[0, 0]] for pair in p], d), "a frame and its copy"),
     "three": (lambda p, d: ([pair[[0, 1, 1]] for pair in p], d), "of two frames each; got 3"),
     "few": (lambda p, d: (p[:2], d), "of at least 3 levels of light"),
@@ -161,7 +161,7 @@ BAD = {
     "normalised": (lambda p, d: ([pair / pair.max() for pair in p], d), "raw counts: whole numbers"),
     "colours": (lambda p, d: ([pair[..., None] for pair in p], d), "of shape .frames, rows, columns"),
     "text": (lambda p, d: ("abc", d), "frames of numbers"),
-    "dark cut off": (lambda p, d: (p, np.maximum(d.astype(int) - 20, 0)), "no.* cut off at 0|none is cut off at 0"),
+    "dark cut off": (lambda p, d: (p, np.maximum(d.astype(int) - 20, 0)), "no pixel is at 0"),
     "another light": (lambda p, d: ([np.stack([p[0][0], p[-1][0]]), *p[1:]], d), "of one light each; got 'means"),
     "another camera": (lambda p, d: (p, d[:, :32]), "of the dark frames' shape .32, 64."),
     "dark as bright": (lambda p, d: ([d[:2]] * 3, p[0]), "brighter than the dark frames"),
@@ -219,8 +219,8 @@ def test_frames_are_read_as_they_are(tmp_path, suffix):
 
 def test_files_that_are_no_frames_say_why(tmp_path):
     colours = Image.fromarray(np.zeros((20, 30, 3), np.uint8))
-    for name, words in (("a.png", "holds colours"), ("a.jpg", "compressed with loss"), ("a.tif", "grey counts"),
-                        ("a.gif", "its name ends in none of")):  # fmt: skip
+    for name, words in (("a.png", "holds colours"), ("a.jpg", "compression is lossy"), ("a.tif", "grey counts"),
+                        ("a.gif", "its file type is none of")):  # fmt: skip
         colours.save(tmp_path / name)
         with pytest.raises(ValueError, match=words):
             read_frames(tmp_path / name)
@@ -228,4 +228,4 @@ def test_files_that_are_no_frames_say_why(tmp_path):
     with pytest.raises(ValueError, match="not frames of grey counts"):
         read_frames(tmp_path / "a.npy")
     asked = CliRunner().invoke(app, ["fit", "camera", "--pairs", str(tmp_path / "none.tif"), "--dark", "x"])
-    assert "fit-camera --pairs must be a file, a folder or a pattern with frames" in str(asked.exception)
+    assert "fit camera --pairs must be an existing file, folder or pattern of frames" in str(asked.exception)

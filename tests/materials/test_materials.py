@@ -250,9 +250,9 @@ def test_what_is_outside_the_literature_warns_and_what_makes_no_sense_is_refused
         sg.materials.get("skin", 0.8, a=90.0)
     assert_refused(lambda: sg.materials.get("skim", 0.5), 'name must be one of "bone", "brain"')
     assert_refused(lambda: sg.materials.get("skin", 633.0), "wavelength must be 0.4 to 1.3 micrometres")
-    assert_refused(lambda: sg.materials.get("skin", 0.8, fat=3.0), "numbers among a, b, g")
+    assert_refused(lambda: sg.materials.get("skin", 0.8, fat=3.0), "numbers of a, b, g")
     assert_refused(lambda: sg.materials.get("skin", 0.8, a=-1.0), "at least 0")
-    with pytest.raises(sg.RuleError, match="numbers that scatter"), pytest.warns(sg.DoubtWarning):
+    with pytest.raises(sg.RuleError, match="numbers with which it scatters"), pytest.warns(sg.DoubtWarning):
         sg.materials.get("intralipid", 0.5, dilution=0.0)
     assert_refused(lambda: sg.materials.get("skin", 0.8, unit=0.0), "unit must be finite and above 0")
 

@@ -43,14 +43,14 @@ def test_what_numpy_writes(tmp_path):
     ("tilt,C\n0,1\n1,abc\n", r"line 3, must be of finite numbers; got 'abc'"),
     ("0,1\n1,nan\n", "line 2, must be of finite numbers"),
     ("# head\n\n0;1\n1;0,5\n", "line 4, .* Write a decimal point"),
-    ("0,1\n2,.5\n1,.4\n", r"line 3, must be of a place above the one before, 2; got 1\.0\. Sort"),
-    ("0,1\n0,.5\n", "line 2, .*average repeats"),
+    ("0,1\n2,.5\n1,.4\n", r"line 3, must be of increasing places: the line before has 2; got 1\.0\. Sort"),
+    ("0,1\n0,.5\n", "line 2, .*average repeated"),
     ("0,1,.1\n1,.5,0\n", "line 2, must be of a standard error greater than 0"),
     ("0,1,.1\n1,.5\n", "line 2, must be of at least 3 columns"), ("0\n1\n", "line 1, must be of at least 2 columns"),
     ("tilt,C\n0,1\n", "at least two lines"), ("", "at least two lines"),
     ("lag,a,b,c\n0,2,2,2\n", r"line 2, must be of two or three columns, .*columns=\(0, 2\)"),
-    ("lag,a\n0,2\n1,1\n\nlag,b\n0,2\n", "line 5, .*second measurement begins here, give it a file of its own"),
-    ("0,2\n1,1\n\n0,2\n", "line 4, .*second measurement begins here, give it a file of its own"),
+    ("lag,a\n0,2\n1,1\n\nlag,b\n0,2\n", "line 5, .*second measurement begins here, put it into its own file"),
+    ("0,2\n1,1\n\n0,2\n", "line 4, .*second measurement begins here, put it into its own file"),
     ("a,b\nc,d\n", "line 2, must be of finite numbers"),
 ])  # fmt: skip
 def test_the_line_is_named(lines, told, tmp_path):
@@ -61,9 +61,9 @@ def test_the_line_is_named(lines, told, tmp_path):
 def test_files_that_are_no_text(tmp_path, monkeypatch):
     (tmp_path / "a.csv").write_bytes(b"\xff\xfe0,1\n")
     for path in (tmp_path / "a.csv", tmp_path, "a\0b", 7):
-        with pytest.raises(RuleError, match="read_curve path must be a text that can be read"):
+        with pytest.raises(RuleError, match="read_curve path must be a text file that can be read"):
             read_curve(path)
-    assert_refused(lambda: read_curve(tmp_path / "none.csv"), "read_curve path must be a file that is there")
+    assert_refused(lambda: read_curve(tmp_path / "none.csv"), "read_curve path must be an existing file")
     for columns in (0, (0,), (0, -1), ("a", "b"), (0, 1.5)):
         with pytest.raises(RuleError, match="read_curve columns"):
             read_curve(tmp_path / "a.csv", columns)

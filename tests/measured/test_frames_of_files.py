@@ -160,13 +160,13 @@ def test_files_without_their_library_name_the_extra(tmp_path, monkeypatch):
 
 def test_films_of_colours_of_loss_and_in_the_clothes_of_others_are_refused(tmp_path):
     colours = np.stack([BYTES[..., :30], BYTES[..., 1:], BYTES[..., :30]], -1)
-    films = ("a.avi", "rawvideo", "bgr24", "colours"), ("b.mov", "mjpeg", "yuvj420p", "loses")
+    films = ("a.avi", "rawvideo", "bgr24", "colours"), ("b.mov", "mjpeg", "yuvj420p", "is lossy")
     for name, codec, pixels, told in films:
         write_film(tmp_path / name, colours, codec, pixels, "bgr24")
         assert_refused(lambda name=name: read_measurement(tmp_path / name), told)
     write_ffv1(tmp_path)
     (tmp_path / "list.avi").write_text("ffconcat version 1.0\nfile f.mkv\n")  # FFmpeg by itself would read f.mkv
-    assert_refused(lambda: read_measurement(tmp_path / "list.avi"), "Reading it failed")
+    assert_refused(lambda: read_measurement(tmp_path / "list.avi"), "Reading the file failed")
 
 
 def test_all_unreadable_files_of_a_folder_are_named(tmp_path):
@@ -183,7 +183,7 @@ def test_one_of_several_arrays_is_named(tmp_path):
         read_measurement(tmp_path / "d.mat")
     found = read_measurement(tmp_path / "d.mat", variable="truth", hot_pixels=False)
     assert np.array_equal(found.light, COUNTS[:1])
-    assert_refused(lambda: read_measurement(tmp_path / "d.mat", variable="im"), 'no frames of the name "im"')
+    assert_refused(lambda: read_measurement(tmp_path / "d.mat", variable="im"), 'no frames named "im"')
 
 
 def write_two(folder):
@@ -197,7 +197,7 @@ def write_two(folder):
 
 
 @pytest.mark.parametrize(("name", "told"), [
-    ("sizes.tif", "each measurement to a file of its own"), ("types.tif", "each measurement to a file of its own"),
+    ("sizes.tif", "each measurement to its own file"), ("types.tif", "each measurement to its own file"),
     ("two.npy", r"uint16 of the shape (2, 3, 24, 31), not frames of grey counts [h, w] or [n, h, w]"),
     ("two.mat", "it holds no frames [h, w] or [n, h, w]: raw 2 x 3 x 24 x 31"),
 ])  # fmt: skip
@@ -215,7 +215,7 @@ def test_two_data_sets_and_two_films(tmp_path):
     h5py, av = pytest.importorskip("h5py"), pytest.importorskip("av")
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["one"], file["group/two"] = COUNTS, COUNTS[:2]
-    told = "name one array by variable=, it has group/two 2 x 24 x 31, one 3 x 24 x 31"
+    told = "choose one array by variable=: it has group/two 2 x 24 x 31, one 3 x 24 x 31"
     assert_refused(lambda: read_measurement(tmp_path / "a.h5"), told)
     assert len(read_raw("frames", tmp_path / "a.h5", "group/two").frames) == 2
     with av.open(str(tmp_path / "a.mkv"), "w") as film:
@@ -250,7 +250,7 @@ def test_a_folder_leaves_out_what_are_no_frames_and_doubts_dark_ones(tmp_path):
     found = read_measurement(tmp_path)
     assert found.light.shape[0] == 6
     assert any("1 file of" in line and "left out" in line for line in found.assumed)
-    assert any("dark_1.npy sounds like no frame of light" in line for line in found.doubts)
+    assert any("dark_1.npy suggests a dark or flat frame" in line for line in found.doubts)
     assert "doubt: " in found.explain()
     assert repr(found) == "Measurement(light=float64[6, 24, 31], doubts=<2 texts>)"
     assert found.facts()["frames"].startswith("6 of 24 x 31 pixels")
@@ -267,9 +267,10 @@ def bad_files(folder):
 
 
 @pytest.mark.parametrize(("name", "told"), [
-    ("absent.tif", "a file, a folder or a pattern with frames"),
-    ("none_*.tif", "a file, a folder or a pattern with frames"), ("zero\0.tif", "a file, a folder or a pattern"),
-    ("empty", r"A folder holds frames as \.tif"), ("photo.jpg", "compressed with loss"),
+    ("absent.tif", "an existing file, folder or pattern of frames"),
+    ("none_*.tif", "an existing file, folder or pattern of frames"),
+    ("zero\0.tif", "an existing file, folder or pattern"),
+    ("empty", r"A folder holds frames as \.tif"), ("photo.jpg", "compression is lossy"),
     ("half.tif", "that can be read"), ("colours.png", "colours"), ("words.npy", "read|grey"),
     ("*.npy", "frames of one size"),
 ])  # fmt: skip

@@ -22,7 +22,7 @@ def test_values_are_arrays_of_one_shape():
 
 @pytest.mark.parametrize(("make", "field", "rule"), [
     (lambda: MemoryCurve(TILTS, [0.9, 0.7, 0.4], 0.0), "MemoryCurve error, number 1,", "greater than 0"),
-    (lambda: MemoryCurve(TILTS[::-1], [0.9, 0.7, 0.4], 0.1), "MemoryCurve tilts, number 2,", "above the one"),
+    (lambda: MemoryCurve(TILTS[::-1], [0.9, 0.7, 0.4], 0.1), "MemoryCurve tilts, number 2,", "above the value before"),
     (lambda: MemoryCurve([-1e-4, 0.0], [0.9, 0.7], 0.1), "MemoryCurve tilts, number 1,", "at least 0"),
     (lambda: MemoryCurve(TILTS, [1.2, 0.7, 0.4], 0.01), "MemoryCurve c_i, number 1,", "from 0 to 1"),
     (lambda: MemoryCurve(TILTS, [0.1, 0.05, 0.0], 0.01), "MemoryCurve c_i, number 1,", "at least 0.2"),
@@ -45,7 +45,7 @@ def test_what_no_measurement_gives_is_refused(make, field, rule):
 @pytest.mark.parametrize(("text", "line", "rule"), [
     ("tilt,C_I,error\n1e-4,.9,.01\n2e-4,1.3,.01\n", 3, "from 0 to 1"),
     ("1e-4,.9,.01\n# a word\n2e-4,.7,0\n", 3, "standard error greater than 0"),
-    ("1e-4,.9,.01\n1e-4,.7,.01\n", 2, "of a place above the one before"),
+    ("1e-4,.9,.01\n1e-4,.7,.01\n", 2, "of increasing places"),
     ("1e-4,.9,.01\n\n2,.7,.01\n", 3, "below pi/2 radians"),
     ("0.5,.1,.01\n0.6,.05,.01\n", 1, "at least 0.2 at the first tilt"),
 ])  # fmt: skip

@@ -46,8 +46,8 @@ def test_only_the_named_files_are_cloned_and_checked(data, repository, tmp_path)
     assert data.get(folder) == folder  # nothing is fetched again
     (folder / "second.bin").write_bytes(b"x")
     (folder / "a" / "b c（1号）.txt").unlink()
-    assert list(data.broken(folder).values()) == ["is not there", "has another content than in the commit"]
-    assert_refused(lambda: data.get(folder), "measured get here must be a folder of .* is not there, and 1 file more")
+    assert list(data.broken(folder).values()) == ["is missing", "differs from the commit"]
+    assert_refused(lambda: data.get(folder), "measured get here must be a folder of .* is missing, and 1 file more")
 
 
 def test_what_git_cannot_is_said(data, tmp_path):

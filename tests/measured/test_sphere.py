@@ -122,13 +122,13 @@ def with_head(number, text):
     (["r q", ".3 .4"], HEAD, "line 22, must be names of columns among r, t"),
     (["t u", ".3 .4"], HEAD, "line 22, must be names of different columns, r among"),
     (["r t", ".3 nan"], HEAD, "line 23, must be a finite number"),
-    (["r t", ".3 .4", "IAD1"], HEAD, "If a second measurement begins here, give it a file of its own."),
-    (["r t", ".3 .4", "r t", ".3 .4"], HEAD, "If a second measurement begins here, give it a file of its own."),
+    (["r t", ".3 .4", "IAD1"], HEAD, "If a second measurement begins here, put it into its own file."),
+    (["r t", ".3 .4", "r t", ".3 .4"], HEAD, "If a second measurement begins here, put it into its own file."),
     (["r"], HEAD, "readings must be at least one"),
     ([], HEAD, "followed by readings"),
     (["8", ".3 .4 .5 .6"], HEAD, "1 to 7 numbers"),
     (["R T", ".3 .4"], HEAD, "line 22, must be names of different columns, r among"),
-    (["r", ".3"], HEAD[:12], "line 16, must be a number of the head"),
+    (["r", ".3"], HEAD[:12], "line 16, must be a number of the header"),
     (["r", ".3"], with_head(0, "13.3"), "line 4, sample index must be from 0.1 to 10"),
     (["r", ".3"], with_head(2, "0"), "line 6, thickness must be greater than 0"),
     (["r", ".3"], with_head(7, "1.5"), "line 11, spheres must be from 0 to 2"),
@@ -140,7 +140,7 @@ def test_refusals_name_the_line(lines, head, told, tmp_path):
 
 def test_other_files_and_two_spheres(tmp_path):
     assert_refused(lambda: read_sphere(write(tmp_path, first="wavelength r t")), 'line 2, must be "IAD1"')
-    assert_refused(lambda: read_sphere(tmp_path / "none.rxt"), "read_sphere path must be a file that is there")
+    assert_refused(lambda: read_sphere(tmp_path / "none.rxt"), "read_sphere path must be an existing file")
     two = read_sphere(write(tmp_path, "r", ".3", head=with_head(7, "2")))
     assert isinstance(two, SphereReadings)
     assert_refused(lambda: two.corrected(), r"SphereReadings.spheres must be 0 or 1")

@@ -31,7 +31,7 @@ LIGHT = speckle(3, 0)
 
 @pytest.mark.parametrize(("counts", "bits", "saturation", "told"), [
     (np.minimum(60 * LIGHT, 255).astype(np.uint8), 8, 255, None),
-    (np.minimum(20 * LIGHT, 250).astype(np.uint8), 8, None, "8 bits, by the type of the file"),
+    (np.minimum(20 * LIGHT, 250).astype(np.uint8), 8, None, "8 bits, from the type of the file"),
     (np.minimum(900 * LIGHT, 4095).astype(np.uint16), 12, 4095, None),
     (np.minimum(900 * LIGHT, 4095).astype(np.uint16) * 16, 12, 65520, "steps of 16: 4 empty bits"),
     (np.minimum(900 * LIGHT, 4095).astype(np.uint16).astype(np.float64), 12, 4095, None),
@@ -52,7 +52,7 @@ def test_bits_and_saturation(counts, bits, saturation, told):
 def test_a_clear_share_of_saturated_pixels_is_doubted():
     found = read_measurement(np.minimum(900 * LIGHT, 2**11 - 1).astype(np.uint16), bit_depth=11)
     assert found.saturated == pytest.approx(np.exp(-2048 / 900), rel=0.15)
-    assert any("saturated: contrast" in line for line in found.doubts)
+    assert any("saturated: bright" in line for line in found.doubts)
 
 
 def test_dark_frames_flat_field_and_region_are_taken_off_exactly():

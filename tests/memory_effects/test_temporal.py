@@ -146,12 +146,12 @@ def test_refusals():
         ({"lags": [-1.0]}, "lags must be finite and at least 0"),
         ({"lags": [np.nan]}, "lags must be finite and at least 0"),
         ({"lags": [1e308]}, "lags must be such that"),
-        ({"lags": [1.0, 2.0, 3.0], "tilts": [0.0, 1e-6]}, "tilts must be one number, or of a shape"),
+        ({"lags": [1.0, 2.0, 3.0], "tilts": [0.0, 1e-6]}, "tilts must be one number, or an array that broadcasts"),
         ({"lags": [1.0], "mode": "sideways"}, "mode must be"),
     ):
         with pytest.raises(RuleError, match=f"temporal_correlation {said}"):
             sg.temporal_correlation(medium, wavelength=WAVELENGTH, **asked)
-    with pytest.raises(RuleError, match="temporal_correlation medium must be one whose particles move"):
+    with pytest.raises(RuleError, match="temporal_correlation medium must be a medium of moving particles"):
         curve(medium.replace(motion=None), [1.0])
     with pytest.raises(RuleError, match="temporal_correlation medium must be a Slab, Layers, a Box or a VoxelGrid"):
         curve(sg.PhaseScreen(correlation_length=5.0, rms_phase=2.0), [1.0])

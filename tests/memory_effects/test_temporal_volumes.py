@@ -126,12 +126,12 @@ def test_a_medium_that_moves_as_one_forgets_nothing():
 
 
 @pytest.mark.parametrize(("changes", "asked", "says"), [
-    ({"motion": None}, {}, "medium must be one whose particles move"),
+    ({"motion": None}, {}, "medium must be a medium of moving particles"),
     ({}, {"view": [0.6, 0.8]}, "view must be a unit vector of shape"),
     ({}, {"view": [0.0, 0.0, -1.0]}, "view must be a unit vector of shape"),
     ({}, {"tilts": 2.0}, "tilts must be radians between"), ({}, {"mode": "aside"}, "mode must be one of"),
     ({}, {"lags": [-1.0]}, "lags must be finite and at least 0"), ({}, {"channel": "co"}, "channel must be"),
-    ({"albedo": 0.0}, {}, "medium must be one that scatters"),
+    ({"albedo": 0.0}, {}, "medium must be a medium that scatters"),
 ])  # fmt: skip
 def test_bad_input_is_named(changes, asked, says):
     with pytest.raises(RuleError, match=f"temporal_correlation {says}"):

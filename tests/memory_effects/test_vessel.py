@@ -173,7 +173,7 @@ def test_intensity_is_the_engines():
 
 
 def test_what_is_refused():
-    with pytest.raises(RuleError, match="vertex_paths slab must be of matched faces"):
+    with pytest.raises(RuleError, match="vertex_paths slab must be of index-matched faces"):
         vertex_paths(TISSUE.replace(faces=sg.Faces(inside=1.33)), 100, 10, 0)
     again = vertex_paths(TISSUE, 5000, 100, 7)
     vertex_paths.__wrapped__  # noqa: B018 - remembered: its result is read-only

@@ -198,14 +198,14 @@ def test_what_layers_that_refract_do_not_serve_is_refused():
     points = sg.NearField([[0.0, 0.0, 9.0]])
     with pytest.raises(sg.RuleError, match=r"Layers.layers must be of one index, unless"):
         sg.Scene(wavelength=0.5, medium=TWO, illumination=light, sensor=points)
-    with pytest.raises(sg.RuleError, match="light and view must be along the axis where layers refract"):
+    with pytest.raises(sg.RuleError, match="light and view must be along the axis for layers that refract"):
         estimate_oblique_correlation(TWO, AXIS, np.array([0.6, 0.0, 0.8]), 64, 0)
     moving = [layer.replace(motion=sg.Brownian(diffusion=1.0)) for layer in TWO.layers]
     two, verb, ask = TWO.replace(layers=tuple(moving)), sg.temporal_correlation, ask | {"lags": [0.0]}
-    with pytest.raises(sg.RuleError, match=r'temporal_correlation mode must be "transmission" where layers refract'):
+    with pytest.raises(sg.RuleError, match=r'temporal_correlation mode must be "transmission" for layers that refract'):
         verb(two, tilts=[0.0], mode="reflection", **ask)
-    with pytest.raises(sg.RuleError, match=r"temporal_correlation view must be left out where layers refract"):
+    with pytest.raises(sg.RuleError, match=r"temporal_correlation view must be left out for layers that refract"):
         verb(two, tilts=[0.0], view=[0.1, 0.0, np.sqrt(0.99)], **ask)
     assert_refused(lambda: verb(two, tilts=[0.0], reverse=True, **ask), r"temporal_correlation reverse must be False")
-    with pytest.raises(sg.RuleError, match=r"temporal_correlation tilts must be at most 0.0.* where layers refract"):
+    with pytest.raises(sg.RuleError, match=r"temporal_correlation tilts must be at most 0.0.* for layers that refract"):
         verb(two, tilts=[0.5], **(ask | {"wavelength": 0.0001}))

@@ -257,7 +257,7 @@ def test_a_medium_that_says_otherwise_than_its_layers_is_refused():
             return [UPPER]
 
     Wrong(thickness=30.0)
-    assert_refused(lambda: Wrong(thickness=31.0), r"Wrong.thickness must be what its layers say, 30")
+    assert_refused(lambda: Wrong(thickness=31.0), r"Wrong.thickness must be the value of its layers, 30")
     with pytest.raises(sg.RuleError, match=r"Nothing.layers must be"):
 
         class Nothing(sg.Stratified):

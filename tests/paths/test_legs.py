@@ -131,5 +131,5 @@ def test_reversed_paths_double_the_light_that_goes_back():
 
 def test_too_many_ways_are_refused():
     layers = [UPPER.replace(thickness=0.01, mean_free_path=10.0, index=1.0 + n % 2) for n in range(40)]
-    with pytest.raises(sg.RuleError, match=r"Layers.layers must be of steps that reflect light along at most"):
+    with pytest.raises(sg.RuleError, match=r"Layers.layers must be of index steps that reflect light along at most"):
         len(legs._legs_of(sg.Layers(layers), False, 0.0))

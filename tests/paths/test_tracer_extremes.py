@@ -142,6 +142,6 @@ def test_arguments_are_checked(change, message):
 def test_parts_of_a_covariance_cannot_be_sampled():
     found = estimate(SCENE, pairs=[[0, 0, 0, 1]])
     for ask in (lambda: found.intensity, lambda: found.sample(1)):
-        assert_refused(ask, "asked of a covariance of all pairs")
+        assert_refused(ask, "computed for a covariance of all pairs")
     assert_refused(lambda: estimate(SCENE).sample(0), "realizations must be at least 1")
     assert_refused(lambda: next(sg.statistics.covariance_blocks(SCENE, rows=0)), "rows must be at least 1")

@@ -159,14 +159,14 @@ def test_other_media_blur_as_their_light_says(medium, layers):
 @pytest.mark.parametrize(("changes", "field", "rule"), [
     ({"exposure": 0.0}, "CollimatedBeams.exposure", "above 0"),
     ({"exposure": np.inf}, "CollimatedBeams.exposure", "finite everywhere"),
-    ({"exposure": [1.0, 2.0]}, "CollimatedBeams.exposure", "one number, or 1, one a beam"),
+    ({"exposure": [1.0, 2.0]}, "CollimatedBeams.exposure", "one number, or 1, one for each beam"),
     ({"exposure": 1e308}, "CollimatedBeams.times", "such that k"),
-    ({"times": (0.0, 0.2)}, "CollimatedBeams.times", "an exposure apart, at least"),
-    ({"times": (1.0, 0.0)}, "CollimatedBeams.times", "in their order before a medium that moves"),
+    ({"times": (0.0, 0.2)}, "CollimatedBeams.times", "at least one exposure apart"),
+    ({"times": (1.0, 0.0)}, "CollimatedBeams.times", "increasing, since the medium moves"),
     ({"sub_frames": 0}, "CollimatedBeams.sub_frames", "whole numbers from 1 to"),
     ({"exposure": None, "sub_frames": 4}, "CollimatedBeams.sub_frames", "left out without an exposure"),
-    ({"medium": THIN.replace(motion=None)}, "CollimatedBeams.times", "left out before a medium that does not move"),
-    ({"medium": SCREEN}, "CollimatedBeams.times", "left out before a medium that does not move"),
+    ({"medium": THIN.replace(motion=None)}, "CollimatedBeams.times", "left out for a medium at rest"),
+    ({"medium": SCREEN}, "CollimatedBeams.times", "left out for a medium at rest"),
 ])  # fmt: skip
 def test_exposures_that_are_refused(changes, field, rule):
     assert_refused(lambda: exposed(**changes), f"{field} must be {rule}")
@@ -177,7 +177,7 @@ def test_exposures_that_are_refused(changes, field, rule):
 def test_verbs_that_have_no_exposure():
     scene = exposed()
     for verb in (sg.covariance, sg.transmission_matrix):
-        with pytest.raises(RuleError, match="scene must be one without times"):
+        with pytest.raises(RuleError, match="scene must be a scene without times"):
             verb(scene)
     assert_refused(lambda: sg.render(scene, mean=True), "mean must be False .* and for exposures")
     assert_refused(lambda: next(sg.render_tiles(scene)), "render_tiles scene must be .*exposure")

@@ -24,16 +24,16 @@ def scene(unit: float, *, incoherent=False) -> sg.Scene:
 @pytest.mark.parametrize("sampler", ["paths", "stationary", "covariance"])
 @pytest.mark.parametrize("incoherent", [False, True])
 def test_intensities_that_float32_does_not_hold_are_refused(unit, sampler, incoherent):
-    with pytest.raises(RuleError, match="Scene intensity must be between .* for images are float32.*unit near"):
+    with pytest.raises(RuleError, match="Scene intensity must be between .* since images are float32.*unit near"):
         sg.render(scene(unit, incoherent=incoherent), paths=200, sampler=sampler)
 
 
 def test_streamed_stacks_are_refused_too():
-    with pytest.raises(RuleError, match="for images are float32"):
+    with pytest.raises(RuleError, match="since images are float32"):
         sg.render_tiles(scene(1e25), paths=200)
-    with pytest.raises(RuleError, match="for images are float32"):
+    with pytest.raises(RuleError, match="since images are float32"):
         require_finite(np.array([1e25 + 0j], np.complex64))
-    with pytest.raises(RuleError, match="for images are float32"):
+    with pytest.raises(RuleError, match="since images are float32"):
         require_finite(np.array([np.nan], np.float32))
 
 

@@ -88,8 +88,8 @@ def film(times, **changes):
 
 
 @pytest.mark.parametrize(("changes", "times", "field", "rule"), [
-    ({"medium": SLAB}, [0.0, 1.0], "CollimatedBeams.times", "left out before a medium that does not move"),
-    ({}, [0.0, 2.0, 1.0], "CollimatedBeams.times", "in their order before a medium that moves"),
+    ({"medium": SLAB}, [0.0, 1.0], "CollimatedBeams.times", "left out for a medium at rest"),
+    ({}, [0.0, 2.0, 1.0], "CollimatedBeams.times", "increasing, since the medium moves"),
     ({}, [-1e308, 1e308], "CollimatedBeams.times", "such that k"),
     ({"sensor": sg.NearField([[0.0, 0.0, 150.0]])}, [0.0, 1.0], "Scene.sensor", "in the far field, for films"),
 ])  # fmt: skip
@@ -109,11 +109,11 @@ def test_a_film_is_drawn_by_the_paths_of_its_rest():
 def test_verbs_that_know_no_time_refuse_a_film():
     scene = film([0.0, 1.0])
     for verb in (sg.covariance, sg.transmission_matrix):
-        with pytest.raises(RuleError, match="scene must be one without times"):
+        with pytest.raises(RuleError, match="scene must be a scene without times"):
             verb(scene, paths=100)
-    with pytest.raises(RuleError, match="scene must be one without times"):
+    with pytest.raises(RuleError, match="scene must be a scene without times"):
         sg.render_partially_coherent(scene, coherence_length=5.0, paths=100)
-    assert_refused(lambda: sg.render(scene, sampler="covariance", paths=100), "scene must be one without times")
+    assert_refused(lambda: sg.render(scene, sampler="covariance", paths=100), "scene must be a scene without times")
 
 
 @pytest.mark.parametrize("law", [FLUID, Slower(amount=3.0), Slower(amount=3.0, power=1.5)], ids=["D", ".5", "1.5"])
@@ -127,5 +127,5 @@ def test_roots_of_steps_have_the_covariance_of_the_law(law):
 
 
 def test_a_law_that_no_process_follows_is_refused():
-    with pytest.raises(RuleError, match="Slower.mean_square must be that of random steps"):
+    with pytest.raises(RuleError, match="Slower.mean_square must be a stationary random motion"):
         step_roots("times", Slower(amount=1.0, power=3.0), 1.0, np.arange(4.0))

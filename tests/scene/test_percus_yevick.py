@@ -171,7 +171,7 @@ def test_it_goes_where_other_particles_go():
     (lambda: sg.PercusYevick(SPHERE, 0.51, 0.345), "PercusYevick.volume_fraction must be at most 0.5.*freeze"),
     (lambda: sg.PercusYevick(SPHERE, 0.0, 0.345), "PercusYevick.volume_fraction"),
     (lambda: sg.PercusYevick(SPHERE, 0.1, 0.3), "PercusYevick.diameter must be at least that of the sphere"),
-    (lambda: sg.PercusYevick(SPHERE, 0.1, 0.345, wavelength=0.6), "PercusYevick.wavelength must be left out beside"),
+    (lambda: sg.PercusYevick(SPHERE, 0.1, 0.345, wavelength=0.6), "PercusYevick.wavelength must be left out for a Mie"),
     (lambda: sg.PercusYevick(sg.Isotropic(), 0.1, 0.345), "PercusYevick.wavelength must be given"),
     (lambda: sg.PercusYevick(DENSE, 0.1, 0.345), "PercusYevick.scatterer must be one type"),
     (lambda: sg.PercusYevick(sg.Mixture(types=[SPHERE, sg.Isotropic()], fractions=[0.5, 0.5]), 0.1, 0.345),
@@ -180,7 +180,7 @@ def test_it_goes_where_other_particles_go():
     (lambda: DENSE.amplitude(1.0, 2), "PercusYevick dimensions must be 3"),
     (lambda: sg.Scene(wavelength=0.6, medium=sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=DENSE),
                       illumination=sg.CollimatedBeams.tilts([0.0], width=50.0), sensor=sg.FarField([[0.0, 0.0, 1.0]])),
-     "PercusYevick.wavelength must be that of the scene"),
+     "PercusYevick.wavelength must be the wavelength of the scene"),
 ])  # fmt: skip
 def test_what_the_model_does_not_hold_of_is_refused(make, rule):
     assert_refused(make, rule)

@@ -78,7 +78,7 @@ def test_a_scene_that_is_refused_says_it_too():
     beams = sg.CollimatedBeams.tilts([0.0], width=57.0)
     screen = sg.PhaseScreen(correlation_length=30.0, rms_phase=3.0)
     scene = sg.Scene(wavelength=0.5, medium=screen, illumination=beams, sensor=sg.FarField.grid((8, 8), 2e-3))
-    with pytest.raises(sg.RuleError, match=r"Check units: the beam covers 1.9 .* Open the window"):
+    with pytest.raises(sg.RuleError, match=r"Check units: the beam covers 1.9 .* Widen the illuminated area"):
         sg.plan(scene)
 
 

@@ -65,7 +65,7 @@ def test_ends_of_the_range():
 
 
 @pytest.mark.parametrize(("asked", "words"), [
-    (([0.5, 0.2], [1.0, 1.0]), "exposures must be two different ones"),
+    (([0.5, 0.2], [1.0, 1.0]), "exposures must be a list of at least two different"),
     (([0.5, 0.2], [0.0, 1.0]), "exposures must be finite and above 0"),
     (([0.5, 0.0], [1.0, 2.0]), "contrast_squared must be finite and above 0"),
     (([0.5, np.nan], [1.0, 2.0]), "contrast_squared must be finite and above 0"),

@@ -110,7 +110,7 @@ class Bench(Value):
             reject("Bench.cameras", "plain cameras without oversampling", [type(each) for each in self.cameras])
         if any(math.isinf(camera.saturation) for camera in self.cameras):
             reject("Bench.cameras", "cameras that saturate", "neither full_well nor bit_depth",
-                   "brightness is a share of what saturates them.")  # fmt: skip
+                   "Give one of them: brightness is a share of the saturation level.")  # fmt: skip
         return self
 
     @property

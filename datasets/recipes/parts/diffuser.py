@@ -91,8 +91,8 @@ class Diffuser(Value):
         unit = unit_of(wavelength)
         metres = stated[0] if stated else unit
         if metres is None or not NEAR_LIGHT[0] <= wavelength * metres <= NEAR_LIGHT[1]:
-            reject("Diffuser.wavelength", "one of light, 0.2 to 20 micrometres, before a ground glass", wavelength,
-                   'Write it with its unit, such as "532 nm", or in the unit of all lengths.')  # fmt: skip
+            reject("Diffuser.wavelength", "0.2 to 20 micrometres, for a ground glass", wavelength,
+                   'Write it with its unit, such as "532 nm", or in the unit of all other lengths.')  # fmt: skip
         return metres
 
     @property

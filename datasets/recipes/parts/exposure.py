@@ -87,7 +87,7 @@ def expose(camera: Camera, images: torch.Tensor, keys: torch.Tensor) -> torch.Te
     new = fields.keys() - {*FIELDS}
     unknown = sorted(name for name in new if not equals_default(getattr(camera, name), fields[name]))
     if unknown:
-        reject("Recipe.exposure", "a camera of fields that batches know", unknown,
+        reject("Recipe.exposure", "a camera whose fields all have an effect in batches", unknown,
                "Add their effect to specklegen.datasets.recipes.parts.exposure.")  # fmt: skip
     # Rounding may leave a dark pixel a little below 0.
     light = camera.photons * images.clamp(min=0).to(torch.float64)

@@ -58,7 +58,7 @@ class Light(Value):
         if not self.analysers:
             reject("Light.analyser", "at least one", self.analyser)
         if self.polarisation == "scalar" and self.analyser != "none":
-            reject("Light.analyser", "left out where light is a scalar", self.analyser,
+            reject("Light.analyser", "left out for scalar light", self.analyser,
                    'Give polarisation = "projector" in a recipe of kind "analysed-object".')  # fmt: skip
         return self
 

@@ -67,7 +67,7 @@ class SplitRanges(Value):
         ranges = sorted(ends(getattr(self, split)) for split in SPLITS)
         for (_, high), (low, _) in zip(ranges[:-1], ranges[1:], strict=True):
             if not high < low:
-                reject("SplitRanges", "given by ranges that do not meet", ranges, "Leave a gap between the splits.")
+                reject("SplitRanges", "given by ranges that do not overlap", ranges, "Leave a gap between the splits.")
         return self
 
 
@@ -124,15 +124,16 @@ class Material(Value):
         if self.g is None and self.scatterer is None:
             reject("Material", "given g or scatterer", "neither")
         if self.scatterer is not None and self.by_split is not None and self.by_split.parameter == "g":
-            reject("Material.by_split.parameter", "other than g where a scatterer is given", "g")
+            reject("Material.by_split.parameter", "other than g, since a scatterer is given", "g")
         rules = [("thickness", 1e-60, 1e60), ("optical_depth", 1e-60, 1e60)]
         for name, low, high in rules if self.scatterer is not None else [*rules, ("g", -1, 1)]:
             smallest, largest = ends(getattr(self, name))
             if not low < smallest <= largest < high:
                 reject(f"Material.{name}", f"between {low} and {high}, both excluded", getattr(self, name))
         if self.kernel == "atlas" and not self.faces.matched:
-            reject("Material.kernel", '"estimate" for faces of unlike indices, for which there is no lookup table',
-                   self.kernel, 'Write kernel = "estimate"; kernel_paths sets what a material takes.')  # fmt: skip
+            reject("Material.kernel", '"estimate", since the lookup table has index-matched faces only',
+                   self.kernel,
+                   'Set kernel = "estimate"; kernel_paths is the number of paths for each material.')  # fmt: skip
         if not 0 < ends(self.albedo)[0] <= ends(self.albedo)[1] <= 1:
             reject("Material.albedo", "above 0 and at most 1", self.albedo)
         if self.by_split is not None:
@@ -284,7 +285,7 @@ def known(
     else:
         correlation = estimate_correlation(slab, paths, pilot_seed(slab.unitless_fingerprint()))
     if not correlation.weights.any():
-        reject("Material.kernel_paths", "enough for some light to come through the slab", paths,
+        reject("Material.kernel_paths", "enough that some light passes the slab", paths,
                f"None does at optical depth {slab.optical_depth:.4g} and albedo {slab.albedo:g}.")  # fmt: skip
     estimator = Estimator.ATLAS if correlation.source == "atlas" else Estimator.PATHS
     return CharacterizedMaterial(slab, correlation, correlation.half_range(), estimator)

@@ -31,7 +31,7 @@ from specklegen.scene.scatterers.scatterer import scatterer_class
 _SCATTERER = TypeAdapter(AnyScatterer)
 _DRAW = TypeAdapter(Draw)
 _PROBES = 4  # within the ranges, besides their ends
-_REMEDY = "The class, or what it refers to, was defined anew: load the recipe again."
+_REMEDY = "The class, or a name that it uses, was redefined: load the recipe again."
 
 
 class ParticleTable(dict[str, Any]):
@@ -150,6 +150,6 @@ def _require_code(table: Mapping[str, Any], made: Scatterer) -> None:
     if code == table.code:
         return
     if _content_of(ParticleTable(table)) != table.content:
-        rule = "of a class that is as it was when the recipe was read"
+        rule = "of a class that is unchanged since the recipe was read"
         reject("Material.scatterer", rule, type(made).__name__, _REMEDY)
     table.code = code

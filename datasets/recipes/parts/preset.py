@@ -56,7 +56,7 @@ def _read(table: Any) -> Any:
         elif field == "lobe":
             read[field] = _lobe(table["name"], value)
         elif field not in numbers:
-            reject("Material.preset", f"given numbers among {', '.join(numbers)}", field)
+            reject("Material.preset", f"given by numbers of {', '.join(numbers)}", field)
         elif value == "range":
             known = numbers[field]
             if known.default is None:
@@ -126,8 +126,9 @@ class PresetMaterial(Value):
             return self  # a laboratory gives it
         bulks = [self._bulk(numbers) for numbers in self._corners()]
         if len({bulk.refractive_index for bulk in bulks}) > 1:
-            reject("Material.preset", "of one refractive index, which fixes the wavelength inside",
-                   sorted({bulk.refractive_index for bulk in bulks}), "Give a constant for what the index depends on.")
+            reject("Material.preset", "of one refractive index, since that fixes the wavelength inside",
+                   sorted({bulk.refractive_index for bulk in bulks}),
+                   "Give a constant for each number that the index depends on.")
         return self
 
     @property
@@ -160,7 +161,7 @@ class PresetMaterial(Value):
             if not math.isclose(self.preset.get(field, value), value, rel_tol=1e-9):
                 reject(f"Material.preset {field}", f"{value:.6g}, as in lab, or left out", self.preset[field])
         if lab.wall is not None:
-            reject("Lab.wall", "left out where the material is a preset", lab.wall, "Write its numbers instead.")
+            reject("Lab.wall", "left out for a preset material", lab.wall, "Write its numbers instead.")
         outside = "matched" if lab.faces == "matched" else self.outside
         # Rounded, so that .000532 millimetres are .532 micrometres.
         preset = {"wavelength": float(f"{micrometres:.12g}"), "unit": lab.metres} | self.preset

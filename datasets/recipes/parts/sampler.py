@@ -35,14 +35,15 @@ def _asked(asked: Any) -> AnySampler:
     if kind is None:
         return "auto"
     if not issubclass(kind, MediaSampler):
-        reject("Recipe.sampler", "one that makes media ready", kind.name,
-               "Make it a MediaSampler, and define its prepare_media.")  # fmt: skip
+        reject("Recipe.sampler", "a sampler with prepare_media", kind.name,
+               "Derive it from MediaSampler, and define prepare_media.")  # fmt: skip
     if not is_own(kind):
         return kind.name
     digest = content_digest(kind)
     if stated not in (None, digest):
-        reject("Recipe.sampler", f"of the content of SHA-256 {str(stated)[:12]}", digest[:12],
-               "Its class has changed since this was written: define it as it was, or make all anew.")  # fmt: skip
+        reject("Recipe.sampler", f"unchanged, with SHA-256 {str(stated)[:12]}", digest[:12],
+               "Its class has changed since this was written: restore the class, or generate the "
+               "data again.")  # fmt: skip
     return kind
 
 

@@ -134,7 +134,8 @@ class Covariance(Pictured, Labelled):
         t, v = self.value.shape[:2]
         held = 16.0 * t * v * realizations
         amount = f"{realizations} fields"
-        require_memory("Covariance.sample realizations", "held", held, amount, "Draw fewer at a time.", share=0.9)
+        require_memory("Covariance.sample realizations", "held", held, amount, "Draw fewer realizations at a time.",
+                       share=0.9)
         values, vectors = np.linalg.eigh(self.value.reshape(t * v, t * v))
         root = vectors * np.sqrt(np.clip(values, 0, None) / 2)
         key = stream_key(seed, Stream.EIGEN)
@@ -152,7 +153,8 @@ class Covariance(Pictured, Labelled):
 
     def _require_all(self, name: str) -> None:
         if self.value.ndim != 4:
-            reject(f"Covariance.{name}", "asked of a covariance of all pairs", f"one of shape {self.value.shape}")
+            reject(f"Covariance.{name}", "computed for a covariance of all pairs",
+                   f"a covariance of shape {self.value.shape}")
 
 
 @recorded

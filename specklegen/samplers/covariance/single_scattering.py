@@ -29,13 +29,13 @@ def single_decision(scene: Scene, orders: Orders, entries: int, tolerance: float
         if not closed:
             reject(
                 "covariance orders", '"auto" or "all" for this scene', orders,
-                "The closed form is for a Box, PlaneWaves and a far-field sensor; .single estimates that of others.",
+                "The closed form is for a Box, PlaneWaves and a far-field sensor; for other scenes use .single.",
             )  # fmt: skip
         return Decision(part, False, "as asked")
     if not closed or not entries:
-        return Decision(part, True, "no closed form of single scattering serves this scene")
+        return Decision(part, True, "single scattering of this scene has no closed form")
     if entries > _MOST_ENTRIES[scene.dimension]:
-        return Decision(part, True, f"{entries} entries are dearer in closed form than by Monte Carlo")
+        return Decision(part, True, f"{entries} entries take longer in closed form than by Monte Carlo")
     share = volume_pilot(scene, reverse).multiple_share
     if share > tolerance:
         return Decision(part, True, f"up to {share:.2g} of the intensity")

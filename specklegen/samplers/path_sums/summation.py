@@ -107,7 +107,7 @@ def summation_decision(
     nufft = scene_nufft(scene, reverse, tolerance)
     if nufft is None:
         rows, columns = scene.sensor.shape
-        return None, Decision(part, False, f"no tiles make it cheaper than {rows * columns} views summed directly")
+        return None, Decision(part, False, f"the direct sum of {rows * columns} views is faster")
     rows, columns = nufft.tiling.counts
     tiles = "" if nufft.tiles == 1 else f" in {rows}x{columns} tiles"
     return nufft, Decision(

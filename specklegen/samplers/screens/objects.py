@@ -29,7 +29,8 @@ def screen_imagings(request: MediaRequest) -> list[tuple[list[int], Imaging]]:
     stacks = [make() for make in request.media]
     assert all(isinstance(stack, ScreenStack) for stack in stacks)
     if moved is not None:
-        films = [_film(sight, n, stack.stack, moved[n].cpu().numpy()) for n, stack in enumerate(stacks)]  # type: ignore[union-attr]
+        films = [_film(sight, n, stack.stack, moved[n].cpu().numpy()) for n,
+                 stack in enumerate(stacks)]  # type: ignore[union-attr]
         like, kept = (torch.from_numpy(np.stack(part)).to(sight.device) for part in zip(*films, strict=True))
         sight = replace(sight, like=like, kept=kept)
     envelopes = [_envelope(sight, n, stack.stack) for n, stack in enumerate(stacks)]  # type: ignore[union-attr]
@@ -54,8 +55,9 @@ def _film(sight: Sight, n: int, stack: ScreenStack, moved: np.ndarray) -> tuple[
     film = film_of(stack, wavelength, moved, window)
     error = film_error(film, stack, wavelength, moved, window, reach)
     if error > _LOST:
-        reject("Dynamics.velocities", f"such that frames are like tilts within {_LOST:g} in C_I", float(f"{error:.2g}"),
-               "Move the screens less, or use two screens, of which it is exact.")  # fmt: skip
+        reject("Dynamics.velocities", f"small enough that frames equal tilts within {_LOST:g} in C_I",
+               float(f"{error:.2g}"),
+               "Move the screens less, or use two screens, for which it is exact.")  # fmt: skip
     return film.tilts, film.kept
 
 
@@ -65,14 +67,15 @@ def _envelope(sight: Sight, n: int, stack: ScreenStack) -> tuple[int, np.ndarray
     terms = lobes(stack, wavelength)
     mirrored = terms.mirrored
     if mirrored > _LOST:
-        reject("Diffuser.screens", f"so strong that an image's mirror image is correlated with it by {_LOST:g} at most",
+        reject("Diffuser.screens", f"strong enough that image and mirror image have a correlation of at most {_LOST:g}",
                float(f"{mirrored:.2g}"),
                "Raise the rms phase to 2 or more; render() draws single weak screens.")  # fmt: skip
     half = 0.5 * float(sight.object_pitch[n]) * (np.array(sight.shape[::-1]) - 1)
     farthest = np.hypot(*(np.abs(base) + half).T).max(initial=0.0)
     kept = index_correlation(stack, wavelength, np.array([0.0, farthest]))[0, 1] ** 2
     if kept < 1 - _LOST:
-        reject("Diffuser.screens", f"of an index that leaves {1 - _LOST:g} of the correlation across object and tilts",
+        reject("Diffuser.screens",
+               f"of an index that keeps the correlation across object and tilts above {1 - _LOST:g}",
                float(f"{kept:.3g}"), "Use a smaller object, smaller tilts, or a lower rms height.")  # fmt: skip
 
     def squared(x: np.ndarray, y: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -89,6 +92,6 @@ def _envelope(sight: Sight, n: int, stack: ScreenStack) -> tuple[int, np.ndarray
     )
     degree = degree_of(squared, x, y, point=not half.any())
     if degree is None:
-        reject("ObjectField", "no wider than a few widths of the correlation", sight.shape, "Use a smaller object.")
+        reject("ObjectField", "at most a few widths of the correlation", sight.shape, "Use a smaller object.")
     gains = gains_of(squared, x, y, degree)
     return degree, gains / gains[:, 0].mean()

@@ -69,8 +69,8 @@ class Replacement(Pictured):
     transmittance_error: float
 
     _named = {"largest difference of C_I": "error", "C_I of the slab": "of_slab", "standard error": "standard_error",
-              "radiance straight ahead, over the slab's": "radiance",
-              "share of light that the slab lets through": "transmittance"}  # fmt: skip
+              "radiance along the axis, over that of the slab": "radiance",
+              "share of light that the slab transmits": "transmittance"}  # fmt: skip
 
     def _facts(self) -> Mapping[str, object]:
         return {"screens": len(self.stack.screens), **super()._facts()}
@@ -142,7 +142,8 @@ def stack_like(
     correlation, closed = estimate_correlation(slab, paths, seed), screen_correlation(stack, wavelength)
     half = correlation.half_range() if correlation.weights.any() else np.inf
     if not np.isfinite(half):
-        reject("stack_like slab", "one whose speckle decorrelates with tilt", slab, "Its light is scattered once.")
+        reject("stack_like slab", "a slab whose speckle decorrelates with tilt", slab,
+               "Its light is scattered once only.")
     q = np.linspace(0.0, _REACH * half, _TILTS)
     intensity, _, error = correlation.intensity(q)
     radiance = float(closed.weights.sum() / (correlation.weights.sum() / correlation.paths))

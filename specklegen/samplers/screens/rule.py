@@ -29,7 +29,7 @@ def screens_decision(scene: Scene, request: Request) -> tuple[bool, Decision]:
     """Return whether the screens of a scene may be drawn, with their errors in words."""
     part = "screens"
     if scene.thin is None:
-        return False, Decision(part, False, "the medium is no thin screen")
+        return False, Decision(part, False, "the medium is not a thin screen")
     if scene.sensor.regular_grid is None:
         reject("Scene.sensor", "a regular far-field grid behind thin screens", scene.sensor.type,
                "Use FarField.grid(...).")  # fmt: skip
@@ -39,20 +39,20 @@ def screens_decision(scene: Scene, request: Request) -> tuple[bool, Decision]:
     right = deviations[worst] <= request.tolerance
     if not right and request.asked != part:
         units = "".join(f"Check units: {each}. " for each in implausible_in(scene))
-        reject("Scene", f"such that screens are drawn within {request.tolerance:g}", f"{worst} {deviations[worst]:.2g}",
-               f"{units}{_REMEDIES[worst]} Or ask for sampler=\"screens\" all the same.")  # fmt: skip
+        reject("Scene", f"possible for screens within {request.tolerance:g}", f"{worst} {deviations[worst]:.2g}",
+               f"{units}{_REMEDIES[worst]} Or force it by sampler=\"screens\".")  # fmt: skip
     return True, Decision(part, True, f"in closed form; {reason}", doubt=not right)
 
 
 MEMORY, GAUSSIAN, MIRROR = (
     "intensity correlations off by",
     "contrast^2 above that of Gaussian speckle by at most",
-    "correlation with the mirror image, left out, at most",
+    "neglected correlation with the mirror image, at most",
 )
 _REMEDIES = {
-    MEMORY: "Look at fewer views about the beam, tilt less, or open the window.",
-    GAUSSIAN: "Open the window: it holds few correlation lengths of the screen.",
-    MIRROR: "Use stronger screens, or look beside the beam.",
+    MEMORY: "Use views nearer to the beam, smaller tilts, or a wider illuminated area.",
+    GAUSSIAN: "Widen the illuminated area: it has few correlation lengths of the screen.",
+    MIRROR: "Use stronger screens, or views away from the beam.",
 }
 
 

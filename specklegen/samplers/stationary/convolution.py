@@ -42,10 +42,10 @@ class Convolution(Stationary, name="convolution"):
     def obstacles(cls, scene: Scene) -> list[str]:
         """Say why it cannot draw a scene, whatever its memory effect."""
         if not scene.hides_object:
-            return ["images hidden objects, and knows nothing between beams of a stack"]
+            return ["images hidden objects, and has no correlation between beams of a stack"]
         if object_of(scene).brightness.size == 1:
-            return ["moves a pattern with every pixel of an object, of which there is one"]
-        return ["knows no analysers"] if scene.polarisers is not None else super().obstacles(scene)
+            return ["moves a pattern with every pixel of an object, and this object has one pixel"]
+        return ["does not support analysers"] if scene.polarisers is not None else super().obstacles(scene)
 
     @classmethod
     def propose(cls, scene: Scene, request: Request) -> tuple[Self | None, list[Decision]]:

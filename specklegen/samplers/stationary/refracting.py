@@ -57,14 +57,17 @@ def refracting_decision(scene: Scene, request: Request, obstacle: str | None) ->
 def _beyond_axis(scene: Scene) -> str | None:
     """What of a scene is too far from the axis; None where nothing is."""
     if scene.side < 0:
-        return "knows the light behind layers that refract alone"
+        return "supports only layers that refract"
     sines = np.concatenate([np.zeros((1, 2)), scene.beams.directions[:, :2]])
     tilts = np.arcsin(np.hypot(*sines.T))
     if not small_tilts(scene.slab, scene.wavelength, tilts) or steepest(scene.slab, tilts) ** 2 > SLANT:
-        return f"knows small tilts behind layers that refract: up to {tilts.max():.3g} rad is not, beside their lobe"
+        return (
+            f"supports small tilts behind layers that refract: {tilts.max():.3g} rad is not small compared with their "
+            "phase function"
+        )
     views = np.arcsin(np.hypot(*probe_views(scene).T))
     if steepest(scene.slab, views) ** 2 > SLANT:
-        return f"knows views along the axis behind layers that refract: {views.max():.3g} rad off it is not"
+        return f"supports views near the axis behind layers that refract: {views.max():.3g} rad is not near"
     return None
 
 
@@ -88,7 +91,8 @@ def _scene_error(scene: Scene, tolerance: float) -> StationaryError:
         return batch_sums(values, owner, paths)
 
     if not weight.any():
-        reject(scene.slab.type, "one that lets light through", scene.slab, f"None of {paths} pilot paths carried any.")
+        reject(scene.slab.type, "a medium that transmits light", scene.slab,
+               f"None of {paths} pilot paths carried light. Use a thinner medium.")
     rows, gains = [], []
     for tilt in probe_tilts(scene, orders, weight, way):
         for kappa, gain in probe_mismatches(scene):

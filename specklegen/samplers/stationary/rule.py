@@ -136,7 +136,7 @@ def obstacle_of(scene: Scene) -> str | None:
     if not isinstance(scene.sensor, FarFieldGrid):
         return "needs a regular far-field grid"
     if scene.slab.albedo == 0 or scene.slab.thickness == 0:
-        return "has nothing to do: nothing scatters"
+        return "needs a medium that scatters"
     if not _forms(scene):
         return "serves hidden objects in transmission only"
     try:
@@ -155,8 +155,8 @@ def _flow_obstacle(scene: Scene) -> str | None:
     if turn <= _MOST_TURN:
         return None
     return (
-        f"knows flows in the middle of beams and views: at the outer ones paths turn by up to {turn:.2g} rad more, "
-        f"allowed {_MOST_TURN:g}"
+        f"supports flows near the middle of beams and views: at the outer ones the phase of paths differs by up to "
+        f"{turn:.2g} rad (limit {_MOST_TURN:g})"
     )
 
 

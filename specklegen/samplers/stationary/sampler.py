@@ -112,7 +112,7 @@ class Stationary(MediaSampler, name="stationary"):
         else:
             paths = 0
             source = (
-                f"from the atlas: |K|^2 within {tabulated.correlation:.2g}, intensities within "
+                f"from the lookup table: |K|^2 within {tabulated.correlation:.2g}, intensities within "
                 f"{tabulated.intensity:.2g}; paths= estimates it instead"
             )
         hidden = envelope is not None and request.envelope and not scene.illumination.images
@@ -279,4 +279,5 @@ def _sight(scene: Scene) -> "Sight":
 
     light = object_of(scene)
     shape, profile = light.brightness.shape, light.profile
-    return object_sight(scene.wavelength, shape, light.pitch, light.width, profile, scene.grid)  # type: ignore[arg-type]
+    return object_sight(scene.wavelength, shape, light.pitch, light.width, profile,
+                        scene.grid)  # type: ignore[arg-type]

@@ -42,7 +42,7 @@ class HenyeyGreenstein(Scatterer):
                 "HenyeyGreenstein.g",
                 "between -1 and 1, both excluded",
                 g,
-                "g = 1 would not scatter at all: use a longer mean free path; 0.999 is as forward as fog gets.",
+                "With g = 1 light does not scatter: use a longer mean free path. Fog has at most 0.999.",
             )
         return g
 

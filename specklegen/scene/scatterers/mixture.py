@@ -38,13 +38,14 @@ class Mixture(_WithAnisotropy):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if any(isinstance(each, Mixture) for each in self.types):
-            reject("Mixture.types", "types of particle, none of them a Mixture", self.types, "Write its types out.")
+            reject("Mixture.types", "types of particle, none of them a Mixture", self.types,
+                   "List the types of the inner mixture.")
         if len(self.fractions) != len(self.types):
-            reject("Mixture.fractions", f"one a type, {len(self.types)} in all", self.fractions)
+            reject("Mixture.fractions", f"one for each of the {len(self.types)} types", self.fractions)
         total = math.fsum(self.fractions)
         if abs(total - 1) > 1e-9:
             reject("Mixture.fractions", "numbers that sum to 1 within 1e-9", self.fractions,
-                   f"They sum to {total:.12g}: divide them by that.")  # fmt: skip
+                   f"They sum to {total:.12g}: divide them by this number.")  # fmt: skip
         present = [pair for pair in zip(self.types, self.fractions, strict=True) if pair[1] > 0]
         types, fractions = zip(*present, strict=True)
         self.__dict__.update(types=types, fractions=fractions)  # a frozen value, not yet handed out
@@ -61,8 +62,8 @@ class Mixture(_WithAnisotropy):
 
     def amplitude(self, cos: np.ndarray | float, dimensions: Dimensions = 3) -> NoReturn:
         """Refuse: a mixture has a phase function, the mean of its types', but no one amplitude."""
-        reject("Mixture.amplitude", "asked of one of its types", self.type, "Use mixture.types[n].amplitude(cos).")
+        reject("Mixture.amplitude", "computed for one of its types", self.type, "Use mixture.types[n].amplitude(cos).")
 
     def row(self, dimensions: Dimensions) -> Row:
         """Refuse: its types have one each."""
-        reject("Mixture.row", "asked of one of its types", self.type, "Use mixture.types[n].row(dimensions).")
+        reject("Mixture.row", "computed for one of its types", self.type, "Use mixture.types[n].row(dimensions).")

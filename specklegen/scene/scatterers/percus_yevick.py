@@ -88,13 +88,13 @@ class PercusYevick(_WithAnisotropy):
     def _consistent(self) -> Self:
         inner: Any = self.scatterer
         if inner.type == self.type or inner.components != ((inner, 1.0),):
-            reject("PercusYevick.scatterer", "one type of particle by itself", inner)
+            reject("PercusYevick.scatterer", "one type of particle, not a mixture", inner)
         if self.volume_fraction > DENSEST:
             reject("PercusYevick.volume_fraction", f"at most {DENSEST:g}", self.volume_fraction,
-                   "Hard spheres freeze at 0.494; the approximation holds of fluids.")  # fmt: skip
+                   "Hard spheres freeze at 0.494; the approximation holds for fluids.")  # fmt: skip
         if inner.made_for is not None:
             if self.wavelength is not None:
-                reject("PercusYevick.wavelength", "left out beside a Mie sphere, which has one", self.wavelength)
+                reject("PercusYevick.wavelength", "left out for a Mie sphere, which has it already", self.wavelength)
             if self.diameter < 2 * inner.radius * (1 - 1e-9):
                 reject("PercusYevick.diameter", f"at least that of the sphere, {2 * inner.radius:g}", self.diameter)
         elif self.wavelength is None:
@@ -142,7 +142,7 @@ class PercusYevick(_WithAnisotropy):
         """Scattering and absorption of one sphere in the crowd."""
         sphere: Any = self.scatterer
         if sphere.made_for is None:
-            reject("PercusYevick.mean_free_path", "asked of Mie spheres, whose cross-section is known", sphere,
+            reject("PercusYevick.mean_free_path", "computed for Mie spheres, whose cross-section is known", sphere,
                    "Divide the mean free path of independent particles by cross_section_ratio.")  # fmt: skip
         scattered = sphere.scattering_cross_section
         return scattered * self.cross_section_ratio, max(sphere.extinction_cross_section - scattered, 0.0)

@@ -87,7 +87,7 @@ class Scatterer(Admitted, Pictured):
             return
         known = _TYPES.get(cls.__name__)
         if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
-            reject("Scatterer name", "one that no other scatterer has", cls.__name__, f"{known.__module__} has it too.")
+            reject("Scatterer name", "unique among scatterers", cls.__name__, f"{known.__module__} has the same name.")
         _TYPES[cls.__name__] = cls
         field = cls.model_fields["type"]
         if field.default is None:
@@ -107,7 +107,7 @@ class Scatterer(Admitted, Pictured):
 
     def shape(self, cos: np.ndarray, dimensions: Dimensions = 3) -> np.ndarray:
         """Amplitude at cosines float64[...], real or complex, up to a factor: what a subclass says."""
-        raise NotImplementedError(f"{type(self).__name__} must say its amplitude: define shape(self, cos, dimensions)")
+        raise NotImplementedError(f"{type(self).__name__} must define its amplitude: shape(self, cos, dimensions)")
 
     def mean_cosine(self, dimensions: Dimensions = 3) -> float:
         """Mean cosine of the scattering angle, in 3D or in flatland."""
@@ -132,8 +132,8 @@ class Scatterer(Admitted, Pictured):
         RuleError
             Of particles of which only the scalar amplitude is known.
         """
-        reject(f"{self.type}.amplitude_matrix", "asked of Mie or Rayleigh particles", self.type,
-               'Its polarisation is known by the model "projector" alone.')  # fmt: skip
+        reject(f"{self.type}.amplitude_matrix", "computed for Mie or Rayleigh particles", self.type,
+               'For this class use polarisation = "projector".')  # fmt: skip
 
     def exact_amplitude(self, theta: np.ndarray) -> np.ndarray:
         """Amplitude s, per root steradian, at the scattering angle, without a table where there is a formula."""
@@ -235,7 +235,7 @@ def _read(value: Any) -> Any:
         name = imported("Scatterer.type", str(name)).__name__
     if not isinstance(name, str) or name not in _TYPES:
         raise ValueError(
-            f"of a known type ({', '.join(sorted(_TYPES))}); a type of your own is known once its module is imported"
+            f"of a known type ({', '.join(sorted(_TYPES))}); import the module of your own type first"
         )
     return _read(_TYPES[name](**{**value, "type": name}))
 

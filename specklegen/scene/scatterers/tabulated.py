@@ -75,7 +75,7 @@ class Tabulated(_WithAnisotropy):
             reject("Tabulated.theta", "at least 0", theta[0], "The amplitude is even in theta: give one side.")
         if (np.diff(theta) <= 0).any():
             at = int(np.argmax(np.diff(theta) <= 0))
-            reject("Tabulated.theta", "strictly rising", theta[at : at + 2], "Sort the angles and drop doubles.")
+            reject("Tabulated.theta", "strictly rising", theta[at : at + 2], "Sort the angles and remove duplicates.")
         if theta[0] > 1e-9 or abs(theta[-1] - math.pi) > 1e-9:
             reject("Tabulated.theta", "angles from 0 to pi (radians)", theta[[0, -1]],
                    "Convert degrees with np.deg2rad, and give the amplitude at both ends.")  # fmt: skip
@@ -161,7 +161,8 @@ def tabulated(shape: Callable[[np.ndarray], np.ndarray], owner: str, first: int 
         nodes.append(middle)
         values.append(exact)
         if sum(map(len, nodes)) > _MOST_NODES:
-            reject(f"{owner} amplitude", "smooth enough for a table", f"one that needs over {_MOST_NODES} nodes")
+            reject(f"{owner} amplitude", "smooth enough for a table",
+                   f"an amplitude that needs over {_MOST_NODES} nodes")
         left, right = np.append(left, middle), np.append(middle, right)
         below, above = np.append(below, exact), np.append(exact, above)
     theta, place = np.unique(np.concatenate(nodes), return_index=True)

@@ -134,7 +134,8 @@ def test_the_block_of_the_page_runs(deepinv):
 @pytest.mark.parametrize(
     ("made", "says"),
     [
-        (lambda: load_recipe("tilt-stack"), "SpecklePhysics.recipe must be one with hidden objects; got 'TiltStack'"),
+        (lambda: load_recipe("tilt-stack"),
+         "SpecklePhysics.recipe must be a recipe with hidden objects; got 'TiltStack'"),
         (lambda: load_recipe("through-slab", SMALL | {"sampler": "paths"}), "that the stationary sampler renders"),
         (lambda: load_recipe("ground-glass"), "that the stationary sampler renders"),
     ],

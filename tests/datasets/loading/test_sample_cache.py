@@ -141,7 +141,7 @@ def test_a_full_disk_ends_the_writing_and_not_the_training(tmp_path, monkeypatch
         write(file, data, **options)
 
     monkeypatch.setattr(store, "put", filling)
-    with pytest.warns(DoubtWarning, match="Nothing more is cached in .*No space left") as told:
+    with pytest.warns(DoubtWarning, match="No further samples are cached in .*No space left") as told:
         assert_batches(stream, SpeckleStream(FakeRecipe(samples=50), batch_size=8), epochs=2)
     assert len(told) == 1
     monkeypatch.undo()
@@ -234,7 +234,7 @@ def test_an_address_that_gives_no_answer_ends_the_writing_and_not_the_training(m
 
         with monkeypatch.context() as patch:
             patch.setattr(system, "cat_file", lost)
-            with pytest.warns(DoubtWarning, match="Nothing more is cached.*Could not"):
+            with pytest.warns(DoubtWarning, match="No further samples are cached.*Could not"):
                 assert_batches(stream, plain, epochs=2)
         assert verify(place).sound
     place.fs.rm(f"/{request.node.originalname}", recursive=True)

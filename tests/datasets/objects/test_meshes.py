@@ -78,7 +78,7 @@ def test_files_are_known_by_their_bytes(solids, tmp_path):
     assert_refused(lambda: Meshes(path=str(solids)).sources(), "Meshes mesh must be readable")
     with pytest.raises(RuleError, match="a folder with meshes"):
         Meshes(path=str(tmp_path / "..")[:0] or str(_empty(tmp_path))).sources()
-    assert_refused(lambda: Folder(path=str(tmp_path / "none")).sources(), "a folder that exists")
+    assert_refused(lambda: Folder(path=str(tmp_path / "none")).sources(), "an existing folder")
 
 
 def _empty(folder):

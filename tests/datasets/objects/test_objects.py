@@ -367,12 +367,12 @@ def test_subfolders_are_classes(folder, tmp_path):
     assert all(turned.labels(each)["label"] == 1 - sorted_.labels(each)["label"] for each in turned.sources())
     one = next((tree / "dogs").iterdir())
     shutil.copy(one, tree / "zebras" / f"both{one.suffix}")
-    with pytest.raises(ValueError, match=r"Folder\.path must be a folder whose files lie in one class each"):
+    with pytest.raises(ValueError, match=r"Folder\.path must be a folder that has each image in one class only"):
         Folder(path=str(tree)).labels(turned.sources()[0])
 
 
 def test_folders_that_cannot_serve_are_refused(folder, tmp_path):
-    with pytest.raises(ValueError, match=r"Folder\.path must be a folder that exists; got '.*nowhere'"):
+    with pytest.raises(ValueError, match=r"Folder\.path must be an existing folder; got '.*nowhere'"):
         Folder(path=str(tmp_path / "nowhere")).image(0, "train", 0)
     (tmp_path / "readme.txt").write_text("no picture")
     with pytest.raises(ValueError, match=r"Folder\.path must be a folder with pictures \(\.png, .*\.npy\)"):
@@ -380,7 +380,7 @@ def test_folders_that_cannot_serve_are_refused(folder, tmp_path):
     shutil.copy(folder / "0.png", tmp_path)
     shutil.copy(folder / "4.png", tmp_path)
     assert Folder(path=str(tmp_path)).image(0, "train", 0).max() == 1
-    with pytest.raises(ValueError, match="leave some for the split 'test'; got '2 in all'"):
+    with pytest.raises(ValueError, match="enough for the split 'test'; got '2 in all'"):
         Folder(path=str(tmp_path)).image(0, "test", 0)
 
 

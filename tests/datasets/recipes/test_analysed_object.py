@@ -114,7 +114,8 @@ def test_a_mosaic_sees_two_components_of_one_field(tissue):
 
 REFUSED = {
     "scalar light": ({"light": {"polarisation": "scalar", "analyser": "none"}}, "Light.polarisation"),
-    "angles together": ({"light": {"analyser": [0.1, 0.2]}}, "Light.analyser must be one, or parallel and crossed"),
+    "angles together": ({"light": {"analyser": [0.1, 0.2]}},
+                        "Light.analyser must be one analyser, or parallel and crossed"),
     "one twice": ({"light": {"analyser": ["crossed", "crossed"]}}, "Light.analyser must be one"),
     "no analyser in a list": ({"light": {"analyser": []}}, "Light.analyser must be at least one"),
     "an unknown one": ({"light": {"analyser": "diagonal"}}, "analyser"),
@@ -125,7 +126,7 @@ REFUSED = {
     "walls": ({"material": {"faces": {"inside": 1.33, "wall": 1.52}}}, "faces must be without a wall"),
     "a mosaic behind an analyser": ({"mosaic": {}}, 'Light.analyser must be "none"'),
     "a mosaic of odd sides": ({"mosaic": {}, "light": {"analyser": "none"}, "camera": {"shape": [41, 40]}},
-                              "CameraGrid.shape must be of ev"),
+                              "CameraGrid.shape must be a shape of ev"),
     "a mosaic before spheres": ({"mosaic": {}, "light": {"analyser": "none", "polarisation": "vector"}},
                                 "Light.polarisation must be"),
     "no amplitudes": ({"light": {"polarisation": "vector"}}, "Slab.polarisation"),
@@ -143,6 +144,6 @@ def test_other_kinds_and_samplers_refuse_polarised_light():
         load_recipe("through-slab", {"light": {"polarisation": "projector"}})
     with pytest.raises(RuleError, match="Light.analyser must be left out"):
         load_recipe("through-slab", {"light": {"analyser": "crossed"}})
-    with pytest.raises(RuleError, match="without analysers where media are rendered by path sums"):
+    with pytest.raises(RuleError, match="without analysers, since media are rendered by path sums"):
         quick_recipe("polarised-tissue", sampler="paths").plans()
-    assert_refused(lambda: recoverable("polarised-tissue"), "recoverable recipe must be one of scalar light")
+    assert_refused(lambda: recoverable("polarised-tissue"), "recoverable recipe must be a recipe of scalar light")

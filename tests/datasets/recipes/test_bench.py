@@ -179,7 +179,7 @@ def test_devices_see_what_the_cpu_sees_in_any_batch(monkeypatch):
         "cameras": [{"photons": 1.0, "bit_depth": None}]}}, "cameras must be cameras that saturate"),
     ("through-slab", {"bench": {"blur": -1.0}}, "blur must be from 0 to 8"),
     ("through-slab", {"bench": {"magnification": {"uniform": [0.0, 1.0]}}}, "magnification must be from 0.5 to 2"),
-    ("through-slab", {"bench": {"cameras": [{"photons": 1.0}]}}, "cameras must be left out where there is no"),
+    ("through-slab", {"bench": {"cameras": [{"photons": 1.0}]}}, "cameras must be left out if there is no"),
     ("through-slab", {"bench": {"polarisation": 0.5}, "light": {"polarised": False}}, "polarisation must be 1"),
     ("through-slab", {"bench": {"shadow": 0.5}}, "there is no such field"),
 ])  # fmt: skip

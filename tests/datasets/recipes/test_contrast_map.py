@@ -90,7 +90,7 @@ def test_instants_are_as_many_as_the_contrast_needs():
 @pytest.mark.parametrize(("changes", "says"), [
     ({"vessel": {"radius": 0.0}}, "Vessels.radius must be above 0"),
     ({"vessel": {"speed": -1.0}}, "Vessels.speed must be finite and at least 0"),
-    ({"vessel": {"speed": 0.0}}, "Vessels.speed must be above 0 where nothing else moves"),
+    ({"vessel": {"speed": 0.0}}, "Vessels.speed must be above 0, since nothing else moves"),
     ({"vessel": {"depth": 50.0}}, "Vessels.depth must be at least the largest radius"),
     ({"vessel": {"depth": 1950.0}}, "Vessels.depth must be such that the vessel lies in the tissue"),
     ({"vessel": {"profile": "square"}}, "profile"), ({"exposures": {"durations": []}}, "durations"),

@@ -108,7 +108,7 @@ def test_resuming_on_another_kind_of_device_is_said_or_refused():
     state = here.state_dict()
     loader = SpeckleStream(Movable(samples=6), batch_size=2, device="meta").loader()
     assert_refused(lambda: loader.load_state_dict(state, strict_device=True), r"device \('cpu' there, 'meta' here\)")
-    with pytest.warns(DoubtWarning, match="saved on 'cpu' and goes on on 'meta'"):
+    with pytest.warns(DoubtWarning, match="saved on 'cpu' and is resumed on 'meta'"):
         loader.load_state_dict(state)
     assert loader.state_dict() == state | {"device": "meta"}
     assert len(list(loader)) == 2

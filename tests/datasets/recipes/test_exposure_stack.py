@@ -96,10 +96,10 @@ def test_bad_input_is_named(changes, says):
 
 def test_a_time_that_what_rests_outlasts_is_refused():
     thin = {**LAYERS, "layers": [LAYERS["layers"][0], {"thickness": 60.0, "mean_free_path": 100.0, "g": 0.0}]}
-    with pytest.raises(RuleError, match="Exposures.correlation_time must be left out where what rests"):
+    with pytest.raises(RuleError, match="Exposures.correlation_time must be left out, since g1 stays"):
         recipe_of(thin, tau0=None, correlation_time=0.1).batch(0, "train", [0])
 
 
 def test_layers_that_all_rest_are_refused():
-    with pytest.raises(RuleError, match="Material.layers must be given one that moves"):
+    with pytest.raises(RuleError, match="Material.layers must be given with a layer that moves"):
         recipe_of({**LAYERS, "layers": LAYERS["layers"][:1]})

@@ -198,5 +198,6 @@ def test_a_material_that_lets_no_light_through_is_refused(kernel):
     """Of the smallest albedo there is nothing is left; of particles that no atlas has, the atlas asks paths."""
     dark = {"scatterer": {"type": "VonMisesFisher", "concentration": 5.0}, "albedo": 5e-324, "kernel": kernel}
     recipe = load_recipe("characters-of-new-fonts", SMALL | {"material": {"kernel_paths": 1000, **dark}})
-    with pytest.raises(RuleError, match=r"Material\.kernel_paths must be enough for some light .* albedo 4.94066e-324"):
+    with pytest.raises(RuleError,
+                       match=r"Material\.kernel_paths must be enough that some light .* albedo 4.94066e-324"):
         recipe.sample(0, "train", 0)

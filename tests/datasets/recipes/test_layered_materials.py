@@ -114,5 +114,5 @@ def test_layers_that_refract_need_an_index_and_no_lab(skin):
     for name in ("window", "camera"):
         table.pop(name)
     table["material"].pop("wavelength")
-    with pytest.raises(sg.RuleError, match=r"Material\.layers\.index must be left out in a lab"):
+    with pytest.raises(sg.RuleError, match=r"Material\.layers\.index must be left out if there is a table lab"):
         type(load_recipe(skin))(**table, lab=lab | {"faces": "matched", "bandwidth": 0.0})

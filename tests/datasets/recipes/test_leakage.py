@@ -79,8 +79,8 @@ OD = "optical_depth"
 
 
 @pytest.mark.parametrize(("ranges", "message"), [
-    ((OD, [5, 10], [10, 12], [14, 20]), "ranges that do not meet"),
-    ((OD, [5, 10], [6, 7], [14, 20]), "ranges that do not meet"),
+    ((OD, [5, 10], [10, 12], [14, 20]), "ranges that do not overlap"),
+    ((OD, [5, 10], [6, 7], [14, 20]), "ranges that do not overlap"),
     ((OD, [5, 10], [11, 12], [14, 21]), "test must be within optical_depth, 5 to 20"),
     (("colour", [5, 10], [11, 12], [14, 20]), "parameter must be one of"),
 ])  # fmt: skip

@@ -135,7 +135,7 @@ def test_stars_refused(change, message):
     ({"light": {"bandwidth": 0.001}}, "one wavelength"), ({"mask": {"count": 3, "width": 0.3}}, "diagonal below 1"),
     ({"mask": {"count": 1.5}}, "whole number"), ({"mask": {"count": {"uniform": [1, 3]}}}, "whole number"),
     ({"mask": {"gap": 0.0}}, "greater than 0"),
-    ({"window": {"width": 4.0}, "camera": {"shape": [4, 4]}}, "sines below 1"),
+    ({"window": {"width": 4.0}, "camera": {"shape": [4, 4]}}, "their sines are below 1"),
 ])  # fmt: skip
 def test_refused(changes, message):
     assert_refused(lambda: recipe(**changes).sample(0, "train", 0), message)

@@ -166,12 +166,12 @@ def test_path_sums_of_a_narrow_window_have_the_contrast_that_is_told(more):
 def test_an_unfit_sampler_warns_and_a_strict_recipe_refuses_it():
     asked = {**NARROW, "sampler": "stationary"}
     recipe = load_recipe("through-slab", changed(SMALL, asked))
-    with pytest.warns(sg.DoubtWarning, match=r"correlation error 0\.0\d+ .*Leave the choice to sampler"):
+    with pytest.warns(sg.DoubtWarning, match=r"correlation error 0\.0\d+ .*Use sampler"):
         parameters, used = rendered(recipe)
     assert used == "stationary"
     assert parameters["sampler"] == NUMBERS["stationary"]
     strict = load_recipe("through-slab", changed(SMALL, asked, {"strict": True}))
-    with pytest.raises(ValueError, match=r"Recipe.sampler must be fit for all media where strict = true"):
+    with pytest.raises(ValueError, match=r"Recipe.sampler must be accurate for all media, since strict = true"):
         strict.sample(0, "train", 0)
     assert strict.fingerprint() == recipe.fingerprint()
     with warnings.catch_warnings():
@@ -218,13 +218,13 @@ def test_materials_on_either_side_of_the_rule_are_planned_one_by_one():
     ("through-slab", {"light": {"bandwidth": 1e-4}}, "without a bandwidth"), ("dynamic-slab", {}, "without dynamics"),
 ])  # fmt: skip
 def test_what_path_sums_do_not_model_is_refused(name, more, words):
-    with pytest.raises(ValueError, match=f"Recipe must be {words} where media are rendered by path sums"):
+    with pytest.raises(ValueError, match=f"Recipe must be {words}, since media are rendered by path sums"):
         load_recipe(name, changed(SMALL, NARROW, more)).sample(0, "train", 0)
 
 
 def test_path_sums_need_no_room_for_the_stationary_sampler(monkeypatch):
     """Lobes so narrow that three ranges span thousands of grains; the mean and the contrast are told all the same."""
-    with pytest.raises(sg.RuleError, match="within the reach of a transform"):
+    with pytest.raises(sg.RuleError, match="within a transform"):
         load_recipe("through-slab", WIDE | {"sampler": "stationary"}).plans()
     assert np.isfinite(load_recipe("through-slab", WIDE).sample(0, "train", 0)["image"]).all()
     recipe = load_recipe("through-slab", changed(SMALL, NARROW, {"sampler": "paths"}))

@@ -49,7 +49,7 @@ def test_an_heir_keeps_the_paths_of_what_it_inherits(setup):
 def test_a_path_from_the_caller_is_relative_to_the_working_folder(setup):
     changes = {"objects": {"type": "Folder", "path": "../setup/pictures"}}
     assert pictures(load_recipe("through-slab", changes)) == 10
-    with pytest.raises(RuleError, match=r"Folder\.path must be a folder that exists; got 'pictures'"):
+    with pytest.raises(RuleError, match=r"Folder\.path must be an existing folder; got 'pictures'"):
         pictures(load_recipe(setup / "own.toml", {"objects": {"path": "pictures"}}))
 
 
@@ -73,7 +73,7 @@ def test_a_file_may_bear_the_name_of_a_packaged_recipe(setup):
     ({"a": "a = " + "[" * 5000}, "nested at most 64 levels deep"),
     ({"a": "a" + ".a" * 5000 + " = 1"}, "nested at most 64 levels deep"),
     ({"a": "a = " + "9" * 5000}, "must be valid TOML"),
-    ({"a": "a = é".encode("latin-1")}, "recipe must be a text in UTF-8"),
+    ({"a": "a = é".encode("latin-1")}, "recipe must be a text file in UTF-8"),
     ({"a": "kind = []"}, "recipe.kind must be one of"), ({"a": ""}, "recipe.kind must be given"),
 ])  # fmt: skip
 def test_a_file_that_cannot_serve_is_refused_with_the_reason(setup, files, says):

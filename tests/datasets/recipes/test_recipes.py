@@ -149,18 +149,20 @@ def test_windows_are_fitted_to_the_object():
     assert errors[0] == pytest.approx(errors[1], rel=0.2)  # a last bit of the pitch asks for another pilot
     assert here["parameters"] == pytest.approx(there["parameters"], rel=1e-12)
     np.testing.assert_allclose(here["image"], there["image"], rtol=1e-3, atol=1e-4)
-    with pytest.raises(ValueError, match="Recipe.geometry must be asked of a medium where the window is fitted"):
+    with pytest.raises(ValueError,
+                       match="Recipe.geometry must be read from a medium, since the illuminated area is fitted"):
         fitted.geometry  # noqa: B018
     assert len(fitted.plans()) == len(through.plans())
     assert len(recipe.plans()) == 2 * len(recipe.material.extremes())
 
 
 @pytest.mark.parametrize(("name", "changes", "message"), [
-    ("unknown-slab", {"window": {"width": 5e4}}, "a length elsewhere; got 50000.0. Give one of window.width and"),
+    ("unknown-slab", {"window": {"width": 5e4}}, "a length without it; got 50000.0. Give one of window.width and"),
     ("through-slab", {"window": {"width": "fitted"}}, "Give one of window.width and field.pixels"),
     ("unknown-slab", {"field": {"pixels": 129.0}}, "ObjectField.pixels must be at most the camera's 128"),
     ("through-slab", {"lab": {}}, "Lab.wavelength must be given"),
-    ("through-slab-lab", {"window": {"width": 5.0}}, "Recipe.lab must be left out where the engine's terms"),
+    ("through-slab-lab", {"window": {"width": 5.0}},
+     "Recipe.lab must be left out if the setup is given by other tables"),
     ("through-slab-lab", {"material": {"wavelength": 0.5}}, "Recipe.lab must be left out"),
     ("through-slab-lab", {"light": {"bandwidth": 1e-6}}, "Recipe.light must be without bandwidth"),
     ("through-slab-lab", {"lab": {"pixel_pitch": 0.006}}, "LabSetup.pixel_pitch must be at most"),
@@ -168,8 +170,8 @@ def test_windows_are_fitted_to_the_object():
     ("through-slab-lab", {"lab": {"aperture": 40.0, "oversampling": 8}}, "LabSetup.aperture must be at most"),
     ("through-slab-lab", {"lab": {"bandwidth": 1e-3}}, "LabSetup.bandwidth must be at most"),
     ("through-slab-lab", {"lab": {"focal_length": 10.0}}, "LabSetup.pixel_pitch must be at most"),  # no camera_distance
-    ("through-slab", {"light": {"bandwidth": 0.02}}, "Light.bandwidth must be at most 0.01172, which moves"),
-    ("through-slab", {"media_group": 2}, "Recipe.media_group must be 1 where media are numbered"),
+    ("through-slab", {"light": {"bandwidth": 0.02}}, "Light.bandwidth must be at most 0.01172, which shifts"),
+    ("through-slab", {"media_group": 2}, "Recipe.media_group must be 1 if the number of media is given"),
     ("through-slab", {"media": "old"}, "media must be a whole number"),
     ("through-slab", {"exposure": {**NOISE, "oversampling": 2}}, "Recipe.exposure.oversampling must be 1"),
     ("through-slab", {"exposure": {}}, "Camera.photons must be given"),
@@ -227,7 +229,7 @@ def test_faces_of_a_material_reach_its_slab():
     matched = layer.replace(faces=Faces())
     ranges = [setup.material.known(each).half_range for each in (layer, matched)]
     assert ranges[0] < 0.5 * ranges[1]
-    with pytest.raises(RuleError, match=r'Material.kernel must be "estimate" for faces'):
+    with pytest.raises(RuleError, match=r'Material.kernel must be "estimate", since the lookup'):
         load_recipe("unseen-material", {"material": {"faces": water, "kernel": "atlas"}})
     with pytest.raises(RuleError, match="Material.faces must be those of the lab"):
         load_recipe("through-slab-lab", {"lab": {"faces": "fresnel"}, "material": {"faces": water}})

@@ -128,7 +128,7 @@ def test_screens_that_stand_still_or_are_redrawn_make_films_too():
 @pytest.mark.parametrize(("name", "dynamics", "says"), [
     ("moving-diffuser", {"velocities": [[1.0, 0.0]]}, "2 pairs"),
     ("moving-diffuser", {"correlation_time": 3.0}, "one of correlation_time and velocities"),
-    ("dynamic-slab", {"correlation_time": None, "velocities": [[1.0, 0.0]]}, "left out where velocities"),
+    ("dynamic-slab", {"correlation_time": None, "velocities": [[1.0, 0.0]]}, "left out if velocities"),
 ])  # fmt: skip
 def test_velocities_are_given_to_every_screen_and_to_screens_alone(name, dynamics, says):
     assert_refused(lambda: load_recipe(name, {"dynamics": dynamics}), says)

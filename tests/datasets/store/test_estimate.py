@@ -56,7 +56,7 @@ def test_what_takes_long_is_told_in_minutes_and_bytes(tmp_path):
 def test_what_a_disk_has_no_room_for_is_refused(tmp_path, monkeypatch):
     """Ten kilobytes are free; who insists goes on."""
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=10_000))
-    with pytest.raises(RuleError, match=r"generate.samples must be stored within the .* GiB that are free.*--anyway"):
+    with pytest.raises(RuleError, match=r"generate.samples must be small enough for the .* GiB free.*--anyway"):
         foreseen(FakeRecipe(), 1000, tmp_path / "a.zarr")
     assert "GiB" in foreseen(FakeRecipe(), 1000, tmp_path / "a.zarr", anyway=True)
     assert foreseen(FakeRecipe(side=2), 5, tmp_path / "a.zarr") == ""

@@ -38,7 +38,7 @@ def test_a_folder_that_is_looked_through_after_its_group_is_looked_for_is_found(
 
     monkeypatch.setattr(creation, "_begin", hasty)
     words = " ".join(model_check.run(12, ahead=False).values())
-    assert "must be a store that has been begun" in words
+    assert "must be a store whose creation has ended" in words
 
 
 def test_a_claim_that_is_old_by_its_own_date_alone_is_found(monkeypatch):

@@ -169,12 +169,12 @@ def test_another_begins_the_store_between_the_looks_of_this_one(address, quick, 
 @pytest.mark.parametrize(
     ("error", "words"),
     [(PermissionError("Access Denied"), "readable by you.*credentials of the address"),
-     (type("NoCredentialsError", (Exception,), {})("Unable to locate credentials"), "credentials are known"),
+     (type("NoCredentialsError", (Exception,), {})("Unable to locate credentials"), "an address with credentials"),
      (type("EndpointConnectionError", (Exception,), {})("Could not connect"), "can be reached.*network"),
      (ConnectionRefusedError(111, "refused"), "can be reached"),
      (type("ReadTimeoutError", (Exception,), {})("Read timeout"), "answers in time.*Try again"),
      (TimeoutError(110, "timed out"), "answers in time"), (OSError(5, "Input/output error"), "readable;.*try again"),
-     (ImportError("Install s3fs to access S3"), "file system is installed.*Install s3fs")],
+     (ImportError("Install s3fs to access S3"), "installed file system.*Install s3fs")],
 )  # fmt: skip
 def test_a_place_that_gives_no_answer_says_why(address, monkeypatch, error, words):
     make(address)

@@ -252,7 +252,7 @@ def test_a_folder_of_other_things_is_refused(tmp_path):
 def test_an_unwritable_folder_is_named(tmp_path):
     """A file in the way stands for every reason, since tests may run as root, who may write everywhere."""
     (tmp_path / "file").touch()
-    with pytest.raises(ValueError, match="generate.folder must be in a place where you can write"):
+    with pytest.raises(ValueError, match="generate.folder must be a folder in which you can write"):
         make(tmp_path / "file" / "a.zarr")
     with pytest.raises(ValueError, match="store.folder must be"):
         make(tmp_path / "file")

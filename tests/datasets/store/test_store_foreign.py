@@ -148,7 +148,7 @@ def test_a_chunk_that_unpacks_to_more_is_refused_before_it_is_unpacked(tmp_path)
     file.write_bytes(chunk + index + google_crc32c.value(index).to_bytes(4, "little"))
     files = ShardFiles(tmp_path, (8, 8), np.dtype(np.uint16), 1, compressed=True)
     tracemalloc.start()
-    with pytest.raises(ForeignShard, match="of another size"):
+    with pytest.raises(ForeignShard, match="of the wrong size"):
         files.read(0)
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()

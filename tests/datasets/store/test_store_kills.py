@@ -158,7 +158,7 @@ def test_damage_in_a_shard_that_is_not_full_is_found_all_the_same(tmp_path):
 def test_a_lost_file_names_the_remedy(tmp_path):
     make(tmp_path / "a.zarr")
     (tmp_path / "a.zarr/image/c/1/0/0").unlink()
-    with pytest.raises(MissingSample, match="though the ledger lists it. Repair the store with"):
+    with pytest.raises(MissingSample, match="but the ledger lists it. Repair the store with"):
         SpeckleCache(tmp_path / "a.zarr").numpy(7)
     make(tmp_path / "b.zarr", shard_range=(0, 2))
     with pytest.raises(MissingSample, match="has not been generated yet. Run generate again"):

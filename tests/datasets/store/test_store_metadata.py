@@ -167,5 +167,5 @@ def test_a_place_where_no_folder_can_be_made_is_refused(monkeypatch):
         return before(self, *arguments, **options)
 
     monkeypatch.setattr(Path, "mkdir", counted)
-    with pytest.raises(RuleError, match="generate.folder must be in a place where you can write"):
+    with pytest.raises(RuleError, match="generate.folder must be a folder in which you can write"):
         make(Path("/proc/x.zarr"))

@@ -54,7 +54,7 @@ def test_of_a_known_thickness_nothing_is_asked():
     (slab(10.0, 0.9).replace(scatterer=sg.VonMisesFisher(concentration=9.0)), {}, "Henyey-Greenstein"),
     (slab(100.0, 0.9), {}, "within the lookup table"), (slab(10.0, 0.9), {"wavelength": -1.0}, "above 0"),
     (slab(10.0, 0.9), {"free": ("depth",)}, "made of"),
-    (slab(10.0, 0.9), {"instruments": [TemporalCurve([0.1], None, 0.1)]}, "whose particles move"),
+    (slab(10.0, 0.9), {"instruments": [TemporalCurve([0.1], None, 0.1)]}, "of moving particles"),
 ])  # fmt: skip
 def test_bad_input_is_refused(medium, changes, rule):
     with pytest.raises(RuleError) as error:

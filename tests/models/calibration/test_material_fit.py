@@ -186,7 +186,7 @@ CURVE = MemoryCurve([1e-4, 2e-4, 4e-4], [0.9, 0.7, 0.4], 0.01)
     ({"model": lambda g: None, "known": None, "free": {"g": (0.5, 0.9)}, "wavelength": [0.5, 0.6]}, "for each of 1"),
     ({"model": lambda g: None, "known": None, "free": {"g": (0.5, 0.9)}, "reverse": False}, "does not use it"),
     ({"known": {"depth": 1.0}}, "made of thickness"), ({"known": {}}, "in one of them"),
-    ({"known": {"thickness": -1.0}}, "above 0"), ({"known": {"thickness": 1.0, "g": 0.5}}, "none of them twice"),
+    ({"known": {"thickness": -1.0}}, "above 0"), ({"known": {"thickness": 1.0, "g": 0.5}}, "each once"),
     ({"free": "g"}, "a sequence of names"), ({"free": ("mean_free_path", "g", "diffusion")}, "without diffusion"),
     ({"known": {"thickness": 1000.0, "mean_free_path": 1.0}, "free": ("g",)}, "within the lookup table"),
     ({"known": {"thickness": 1000.0, "g": 0.999}, "free": ("mean_free_path",)}, "within the lookup table"),

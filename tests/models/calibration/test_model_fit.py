@@ -86,7 +86,7 @@ def test_layers_with_steps_of_the_index_are_fitted_and_one_per_cent_is_caught():
     assert fit.media[0] == cell(fit.values["g"])
     at = np.array([[(0.92 - 0.8) / 0.18]])
     assert np.square(fit.problem.model(at)[0]).sum() - fit.chi_squared < chi2.isf(FALSE_ALARM, 1)
-    assert_refused(lambda: fit.slab, "MaterialFit.slab .* Take media")
+    assert_refused(lambda: fit.slab, "MaterialFit.slab .* Use .media")
     assert_refused(lambda: fit.recipe("cell"), "MaterialFit.slab")
     wrong = sg.fit_material(data, wavelength=WAVELENGTH, model=lambda g: cell(g, mean_free_path=50.5),
                             free={"g": (0.8, 0.98)}, paths=2000)  # fmt: skip

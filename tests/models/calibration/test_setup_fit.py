@@ -87,7 +87,7 @@ def test_area_of_pixels_polarisation_and_noise():
 def test_two_points_and_a_long_iris_are_doubted():
     two = sg.fit_setup(speckle(7, 2, 192, 4.0, moved=12), envelope=None, pixel_integration=False)
     long = sg.fit_setup(speckle(8, 2, 192, 4.0, stretch=1.5), envelope=None, pixel_integration=False)
-    assert all(any("no speckle of one point" in doubt for doubt in each.doubts) for each in (two, long))
+    assert all(any("speckle of one point behind" in doubt for doubt in each.doubts) for each in (two, long))
 
 
 def test_the_misfit_of_one_number_is_student_s_test():

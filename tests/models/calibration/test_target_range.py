@@ -115,7 +115,7 @@ def test_another_target_is_doubted():
     """A mutation of the target: the letter lies on its side."""
     light = photographs(np.inf, 2.0, 16)
     found = sg.fit_setup(light, envelope=None, pixel_integration=False, profile="square", target=LETTER.T)
-    assert any("no speckle of this target" in doubt for doubt in found.doubts)
+    assert any("speckle of this target behind" in doubt for doubt in found.doubts)
 
 
 def limited(before, reach=4.0, grain=2.8, side=144, ways=12):
@@ -147,7 +147,7 @@ def test_light_that_is_limited_before_the_medium_is_doubted():
     low, high = behind.interval(1 - FALSE_ALARM)["range"]
     assert low < 4.0 < high
     assert not any("contrast" in doubt for doubt in behind.doubts)
-    assert any("contrast" in doubt and "before the medium" in doubt for doubt in before.doubts)
+    assert any("contrast" in doubt and "in front of the medium" in doubt for doubt in before.doubts)
 
 
 def test_a_point_tells_no_range():

@@ -120,8 +120,8 @@ def test_range_and_displacement_are_named():
 
 
 @pytest.mark.parametrize(("change", "name", "cause"), [
-    ({"lit": 0.5}, "contrast", "analyser forgotten"), ({"profile": "square"}, "spectrum", "shape of the iris"),
-    ({"grain": 3.7}, "grain", "narrower iris"),
+    ({"lit": 0.5}, "contrast", "missing analyser"), ({"profile": "square"}, "spectrum", "shape of the aperture"),
+    ({"grain": 3.7}, "grain", "narrower aperture"),
 ])  # fmt: skip
 def test_other_setups_are_told_and_named(change, name, cause):
     theirs = SETUP._replace(**change).draw((64, 64), 16, 11)[:, None]

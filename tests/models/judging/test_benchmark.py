@@ -198,7 +198,7 @@ def test_a_function_that_reaches_the_images_of_others_stops_the_run(monkeypatch,
         seen[-1]["image"].zero_()
         return batch["object"]
 
-    with pytest.raises(RuleError, match="'reaches' must be one that leaves the images of others alone"):
+    with pytest.raises(RuleError, match="'reaches' must be a function that does not change its input"):
         benchmark({"reaches": reaches}, tasks=["thin"], samples=2, limits=None)
 
 
@@ -211,14 +211,14 @@ def test_answers_are_a_file(found, tmp_path):
 
 
 @pytest.mark.parametrize(("wrong", "said"), [
-    ({"baselines": ["Kats"]}, "benchmark baselines must be among mean image, Katz"),
+    ({"baselines": ["Kats"]}, "benchmark baselines must be one of mean image, Katz"),
     ({"tasks": ["thick"]}, "benchmark task must be one of unseen media"),
     ({"tasks": ["thin", "thin"]}, "at least one, each once"),
     ({"samples": 1}, "at least 2 and at most 112; got 1"),
     ({"samples": 113}, "at most 112; got 113"),
     ({"samples": SAMPLES + 1, "tasks": ["thin"]}, f"at most {SAMPLES}; got {SAMPLES + 1}"),
-    ({"functions": {}, "baselines": ["multiframe"], "tasks": ["thin"]}, "one that is of the task 'thin'"),
-    ({"functions": {}}, "at least one, or a baseline"),
+    ({"functions": {}, "baselines": ["multiframe"], "tasks": ["thin"]}, "one that serves the task 'thin'"),
+    ({"functions": {}}, "at least one function, or a baseline"),
 ])  # fmt: skip
 def test_what_cannot_be_run_is_refused(wrong, said):
     assert_refused(lambda: benchmark(**{"functions": lambda batch: batch["object"], **wrong}), said)

@@ -150,15 +150,15 @@ def test_nothing_to_judge_is_refused(batch):
         evaluation.evaluate({}, (untouched() for _ in range(1)))
     assert_refused(lambda: evaluation.evaluate({"any": untouched}, []), "evaluate batches must be at least one")
     film = {name: value for name, value in batch.items() if name != "image"}
-    with pytest.raises(ValueError, match='evaluate batch must be one with "object", and "image" or "frames"'):
+    with pytest.raises(ValueError, match='evaluate batch must be a batch with "object", and "image" or "frames"'):
         evaluation.evaluate({"any": untouched}, [film])
 
 
 @pytest.mark.parametrize(("words", "message"), [
-    (["--samples", "1"], "--samples must be enough for two media"),
-    (["--set", "media=1"], "--samples must be enough for two media"),
-    (["--recipe", "dynamic-slab"], "--recipe must be one with one image of each object"),
-    (["nowhere/best.pt"], "model must be a file"),
+    (["--samples", "1"], "--samples must be enough images for two media"),
+    (["--set", "media=1"], "--samples must be enough images for two media"),
+    (["--recipe", "dynamic-slab"], "--recipe must be a recipe with one image of each object"),
+    (["nowhere/best.pt"], "model must be an existing file"),
 ])  # fmt: skip
 def test_bad_evaluations_are_refused_before_any_image(words, message, monkeypatch, tmp_path):
     monkeypatch.setattr(examples, "batches_of", lambda *_: pytest.fail("the work began"))
@@ -218,7 +218,7 @@ def test_images_of_characters_that_were_trained_on_are_passed_over():
     assert seen_by([mixture.identity()]) >= set("ACDE")
     chosen = unseen(mixture, 0, "test", 50, known)
     assert {character_of(mixture, mixture.source(0, "test", n)) for n in chosen} <= {None, *"569BFT"}
-    with pytest.warns(DoubtWarning, match="the characters that they are judged on"):
+    with pytest.warns(DoubtWarning, match="the test characters, in other fonts"):
         assert unseen(benchmark, 0, "test", 3, set(CHARACTERS)) == [0, 1, 2]
 
 

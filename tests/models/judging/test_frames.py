@@ -87,11 +87,12 @@ def test_without_files_the_task_is_skipped_and_said(tmp_path):
     assert found.skipped == ()  # nobody asked for it
     said = Results(found.evaluations, 2, skipped=(NAME,)).markdown()
     assert "Skipped, since their files were not named: measured frames. `specklegen check measured get" in said
-    with pytest.raises(RuleError, match="benchmark tasks must be those whose files are there; got 'measured frames'"):
+    with pytest.raises(RuleError,
+                       match="benchmark tasks must be tasks whose files are on this machine; got 'measured frames'"):
         benchmark(function, tasks=[NAME])
     with pytest.raises(RuleError, match="benchmark measured must be a folder of hidden-shapes"):
         benchmark(function, tasks=["thin"], samples=2, measured=tmp_path)
-    assert_refused(lambda: next(task(NAME).batches(range(2))), "asked where its files are")
+    assert_refused(lambda: next(task(NAME).batches(range(2))), "run with its files")
 
 
 def test_it_is_no_part_of_a_complete_run_nor_of_a_mean():

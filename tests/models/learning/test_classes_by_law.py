@@ -91,8 +91,9 @@ def test_what_it_cannot_answer_is_refused(recipe, batch):
     for images, other, match in (
         (batch["image"][0], recipe, "images must be"),
         (batch["image"][:2, :40], recipe, "images must be"),
-        (batch["image"][:2], load_recipe("unknown-slab", small), "one window"),
-        (batch["image"][:2], recipe.replace(objects={"type": "Points", "shape": [20, 20]}), "of classes"),
+        (batch["image"][:2], load_recipe("unknown-slab", small), "one illuminated area"),
+        (batch["image"][:2], recipe.replace(objects={"type": "Points", "shape": [20, 20]}),
+         "a family with labelled classes"),
     ):  # fmt: skip
         with pytest.raises(RuleError, match=match):
             classes_by_law(images, other, samples=10)

@@ -91,7 +91,7 @@ def test_a_network_of_any_square_camera(seen):
     assert_refused(lambda: build("contrast", 8, (64, 48), 4, 0), "ContrastNet.shape must be of square maps")
     flat = dict(batch, stack=batch["stack"][..., :30, :], target=batch["target"][..., :30, :])
     assert_refused(lambda: network_input(flat, "local-contrast"), "batch stack must be of a square camera")
-    with pytest.raises(RuleError, match='batch must be one with "stack" and, of its shape, "target"'):
+    with pytest.raises(RuleError, match='batch must be a batch with "stack" and, of its shape, "target"'):
         network_input({"stack": batch["stack"]}, "local-contrast")
 
 

@@ -66,7 +66,7 @@ def test_a_cameras_noise_is_taken_off():
 def test_numbers_come_back_in_their_units(batch):
     told = in_units(numbers_of(batch, MOTION).double(), MOTION)
     np.testing.assert_allclose(told, batch["target"], atol=1e-5)
-    with pytest.raises(RuleError, match="batch tau0 must be a finite number of every medium.*media at rest no tau0"):
+    with pytest.raises(RuleError, match="batch tau0 must be a finite number for every medium.*media at rest no tau0"):
         numbers_of({"parameters": {"static_share": torch.ones(1)}}, MOTION)
 
 

@@ -168,4 +168,4 @@ def test_a_file_of_something_else_is_refused(tmp_path):
     from specklegen.models.learning.model_file import write_model
 
     write_model(tmp_path / "other.pt", {"name": "flow", "frame": 36}, {})
-    assert_refused(lambda: read_prior(tmp_path / "other.pt"), "prior must be a file that train_prior.py wrote")
+    assert_refused(lambda: read_prior(tmp_path / "other.pt"), "prior must be a file written by train_prior.py")

@@ -217,7 +217,7 @@ def test_where_locks_exclude_nobody_the_earlier_process_ends_before_it_writes(wh
             train(SETTINGS, DATA, HELD_OUT, tmp_path)
             left.update({file.name: file.read_bytes() for file in tmp_path.iterdir()})
 
-    with pytest.raises(RuleError, match="Another one has begun there since"):
+    with pytest.raises(RuleError, match="Another process trains there now"):
         train(SETTINGS, DATA, HELD_OUT, tmp_path, steps=meanwhile)
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == left
     assert_same_run(checkpoint(whole), checkpoint(tmp_path))
@@ -227,7 +227,7 @@ def test_two_processes_do_not_train_in_one_folder(tmp_path):
     (tmp_path / "lock").touch()
     other = claiming(tmp_path / "lock", 0)
     try:
-        assert_refused(lambda: train(SETTINGS, DATA, HELD_OUT, tmp_path), "no other process trains in")
+        assert_refused(lambda: train(SETTINGS, DATA, HELD_OUT, tmp_path), "no other running training")
     finally:
         other.kill()
         other.wait(120)

@@ -31,7 +31,8 @@ def test_a_label_is_the_character_of_the_sample():
     batch = tensors(recipe.batch(0, "test", range(6)))
     rows = labels_of(batch)
     assert rows.shape == (6, 1, CLASSES)
-    expected = [CHARACTERS.index(recipe.objects.source(0, "test", n)[1]) for n in range(6)]  # type: ignore[attr-defined]
+    expected = [CHARACTERS.index(recipe.objects.source(0, "test",
+                                                       n)[1]) for n in range(6)]  # type: ignore[attr-defined]
     assert rows[:, 0].argmax(-1).tolist() == expected
     with pytest.raises(RuleError, match="batch label must be a class from 0 to 44"):
         labels_of({"parameters": {"label": torch.tensor([-1.0])}})
@@ -111,8 +112,8 @@ def test_labels_are_learned_from_a_stream_and_told(tmp_path):
     found = judge(model, batches_of(recipe, 6))
     assert isinstance(found, Classification)
     assert found.confusion.sum() == 6
-    assert_refused(lambda: model.reconstruct(batch), "reconstruct model must be one that shows objects")
-    assert_refused(lambda: inputs.network_input(batch, "registered"), 'batch must be one with "stack" and "tilts"')
+    assert_refused(lambda: model.reconstruct(batch), "reconstruct model must be a model of objects")
+    assert_refused(lambda: inputs.network_input(batch, "registered"), 'batch must be a batch with "stack" and "tilts"')
 
 
 @pytest.mark.parametrize(("fields", "message"), [

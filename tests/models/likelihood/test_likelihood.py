@@ -264,4 +264,5 @@ def test_bad_optics_are_refused():
         SpeckleLikelihood(flat((16, 16)), (4, 4), Optics(1.0, 0.0))
     with pytest.raises(RuleError, match=r"Optics\.step must be .* one for each of 1 objects"):
         SpeckleLikelihood(flat((16, 16)), (4, 4), Optics(torch.ones(3), 2.0))
-    assert_refused(lambda: SpeckleLikelihood(flat((16, 16)), (4, 4), Optics(1.0, 40.0)), "with a frequency inside")
+    assert_refused(lambda: SpeckleLikelihood(flat((16, 16)), (4, 4), Optics(1.0, 40.0)),
+                   "large enough for a frequency inside")

@@ -140,10 +140,10 @@ def test_it_is_a_function_of_images_and_seed():
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    ({"images": torch.rand(1, 64, 64)}, "N at least 2"), ({"images": torch.ones(3, 64, 64)}, "of some contrast"),
-    ({"images": -torch.rand(3, 64, 64)}, "brighter than their background"),
+    ({"images": torch.rand(1, 64, 64)}, "N at least 2"), ({"images": torch.ones(3, 64, 64)}, "images with contrast"),
+    ({"images": -torch.rand(3, 64, 64)}, "brighter in the mean than their background"),
     ({"optics": Optics(step=torch.tensor([2.0, 2.0, 2.5]), grain=3.0)}, "the same for all images"),
-    ({"optics": Optics(step=2.0, grain=60.0)}, "several grains"), ({"size": 40}, "at most 32"),
+    ({"optics": Optics(step=2.0, grain=60.0)}, "several speckle grains"), ({"size": 40}, "at most 32"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused(change, message):
     given = {"images": torch.rand(3, 64, 64), "optics": OPTICS, "size": 8} | change

@@ -56,8 +56,8 @@ def test_an_envelope_that_is_divided_out_takes_its_frequencies_along():
 @pytest.mark.parametrize(("shape", "options", "message"), [
     ((4, 4), {}, "of shape"), ((1, 1, 4, 64), {}, "at least 8 pixels"),
     ((1, 1, 16, 16), {"tile": 4}, "tile must be at least 8; got 4"), ((1, 1, 16, 16), {"electrons": 0.0}, "above 0"),
-    ((1, 1, 16, 16), {"read_noise": 1.0}, "given where a read noise is"),
-    ((1, 1, 16, 16), {"background": 2.0}, "brighter than their background"),
+    ((1, 1, 16, 16), {"read_noise": 1.0}, "given, since read_noise is"),
+    ((1, 1, 16, 16), {"background": 2.0}, "brighter in the mean than their background"),
 ])  # fmt: skip
 def test_bad_input_is_refused(shape, options, message):
     assert_refused(lambda: periodogram(torch.ones(shape), **options), message)

@@ -90,8 +90,8 @@ def test_one_object_for_each_image(letters):
 
 def test_images_that_tell_nothing_are_refused(letters):
     objects, images = letters
-    with pytest.raises(RuleError, match="turn_of images must be of some contrast"):
+    with pytest.raises(RuleError, match="turn_of images must be images with contrast"):
         turn_of(torch.ones(1, 1, 32, 32), objects[:1], OPTICS)
-    assert_refused(lambda: turn_of(images[:1], objects[:1], Optics(2.0, 1e6)), "on a camera of several grains")
+    assert_refused(lambda: turn_of(images[:1], objects[:1], Optics(2.0, 1e6)), "several speckle grains wide")
     with pytest.raises(RuleError, match="turn_of objects must be at least 0"):
         turn_of(images[:1], 0.1 + objects[:1] - objects[:1].flip(-1), OPTICS)

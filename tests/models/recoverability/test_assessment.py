@@ -123,7 +123,7 @@ def test_no_probability_under_a_taper():
     (found,) = reconstruct(images * torch.linspace(0.7, 1.3, images.shape[-1]), recipe, fast=True).each
     assert found.probability is None
     assert found.reasons[0].name == "No confidence"
-    assert found.reasons[0].numbers.startswith("the light falls off")
+    assert found.reasons[0].numbers.startswith("the illumination is uneven")
 
 
 def test_why_there_is_no_probability_is_said_in_words():
@@ -133,8 +133,8 @@ def test_why_there_is_no_probability_is_said_in_words():
     evidence[:, EVIDENCE.index("blur")] = torch.tensor([0.4, 0.4, 0.25])
     even, falling, patch = silenced(evidence, torch.tensor([0.0, 0.25, 0.0]))
     assert not even
-    assert falling.startswith("the light falls off, and a taper covers 0.25 of each side")
-    assert patch.startswith("the object fills 0.20 of the frame with hardly an edge (blur 0.25)")
+    assert falling.startswith("the illumination is uneven, and a taper covers 0.25 of each side")
+    assert patch.startswith("the object fills 0.20 of the frame and has hardly an edge (blur 0.25)")
 
 
 def test_third_order_is_read_beside_the_noise():

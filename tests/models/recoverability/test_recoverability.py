@@ -327,8 +327,8 @@ def test_errors(changes, message):
 
 
 def test_recipes_without_hidden_objects_are_refused():
-    assert_refused(lambda: recoverable("tilt-stack"), "one with hidden objects")
-    assert_refused(lambda: recoverable(load_recipe("tilt-stack")), "one with hidden objects")
+    assert_refused(lambda: recoverable("tilt-stack"), "a recipe with hidden objects")
+    assert_refused(lambda: recoverable(load_recipe("tilt-stack")), "a recipe with hidden objects")
     assert_refused(lambda: recoverable("through-slab", media=0), "at least 1")
 
 

@@ -79,12 +79,12 @@ def test_evidence_is_told_in_words():
     assert fine.words == ""
     bright = SpeckleTest.of(FINE._replace(variance=0.17), (1.0, 1.0))
     assert not bright.passes
-    assert bright.words.startswith("contrast 0.41 where the reconstruction predicts 0.2")
+    assert bright.words.startswith("contrast 0.41, but the reconstruction predicts 0.2")
     assert bright.words.endswith("this is no speckle of this setup")
     assert "skewness" not in bright.words
     dark = SpeckleTest.of(FINE._replace(skewness=-0.5), (1.0, 1.0))
     assert not dark.passes
-    assert dark.words.startswith("skewness -0.5 where speckle has at least 0.35")
+    assert dark.words.startswith("skewness -0.5, but speckle has at least 0.35")
 
 
 def test_light_that_was_not_taken_off_lowers_contrast():

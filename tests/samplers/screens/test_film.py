@@ -81,7 +81,7 @@ def test_of_more_screens_what_rests_is_stated_and_refused_where_it_is_too_much()
     mixed = sg.ScreenStack(screens=(STRONG, weak, weak), gaps=(500.0, 300.0))
     moved = 4 * moved
     assert film_error(film_of(mixed, 1.0, moved, WINDOW), mixed, 1.0, moved, WINDOW, 0.01) > 0.02
-    with pytest.raises(sg.RuleError, match="frames are like tilts within 0.02"):
+    with pytest.raises(sg.RuleError, match="frames equal tilts within 0.02"):
         screen_objects(mixed, wavelength=1.0, object_shape=(1, 3), object_pitch=0.005,
                        grid=sg.FarField.grid((12, 12), 1 / 1500), base=np.zeros((2, 2)), width=500.0,
                        moved=moved)  # fmt: skip

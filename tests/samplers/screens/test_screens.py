@@ -100,7 +100,7 @@ def test_samplers_of_volumes_do_not_take_screens_nor_the_reverse():
             covariance(grid_scene(DOUBLE))
     assert_refused(lambda: sg.plan(grid_scene(DOUBLE), sampler="paths"), '"auto" or "screens"')
     slab = sg.Slab(thickness=10.0, mean_free_path=5.0, scatterer=sg.Isotropic())
-    assert_refused(lambda: sg.plan(grid_scene(slab), sampler="screens"), "thin screens alone")
+    assert_refused(lambda: sg.plan(grid_scene(slab), sampler="screens"), "thin screens only")
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.1, 100.0])

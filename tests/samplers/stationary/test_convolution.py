@@ -84,7 +84,7 @@ def test_recipes_take_it_where_it_is_enough_for_all_of_their_media():
     assert {made.sampler for made in plans} == {"stationary"}
     assert all(not d.needed for made in plans for d in made.decisions if d.part == PART)
     strict = wider.replace(sampler="convolution", strict=True)
-    assert_refused(lambda: strict.batch(0, "train", range(1)), r"Recipe\.sampler must be fit for all media")
+    assert_refused(lambda: strict.batch(0, "train", range(1)), r"Recipe\.sampler must be accurate for all media")
 
 
 def test_one_pitch_before_materials_of_many_ranges_needs_modes_for_all():

@@ -219,7 +219,7 @@ def test_cells_hold_every_view_and_the_window():
 
 
 def test_tilts_beyond_the_transform_are_refused():
-    with pytest.raises(sg.RuleError, match=r"CollimatedBeams.directions must be within the reach.*along x.*paths"):
+    with pytest.raises(sg.RuleError, match=r"CollimatedBeams.directions must be within a transform.*along x.*paths"):
         sg.render(stack_scene(pixels=(0, 20_000)), paths=1000, sampler="stationary")
 
 
