@@ -30,7 +30,7 @@ _CHUNK = 256  # samples at once where no gradient is kept
 
 @dataclass
 class Pace:
-    """How fast images came, and how fast the network took them, since an epoch began or the run was taken up again.
+    """Rates of images made and trained, since an epoch began or the run was resumed.
 
     Attributes
     ----------
@@ -130,11 +130,11 @@ class Run:
         self.pace.images += len(targets)
         self.stepping = False
 
-    def time_of_validation(self) -> float:
-        """Seconds by the clock that looking at the validation examples takes, now."""
-        begun = time.perf_counter()
+    def rehearse_end(self) -> None:
+        """Do what the end of an epoch takes, but write nothing: so it can be timed."""
         validated(self.reconstructor(), self.validation)
-        return time.perf_counter() - begun
+        for _ in range(2):  # checkpoint and best.pt
+            self._state()
 
     def end_epoch(self) -> dict[str, float]:
         """Validate, log, keep the best, save."""
@@ -181,14 +181,19 @@ class Run:
 
     def save(self) -> None:
         """Write the checkpoint whole, or not at all."""
+        content = self._state()
+        self.require_own()
+        write_whole(self.folder / "checkpoint.pt", content)
+
+    def _state(self) -> bytes:
+        """Content of a checkpoint."""
         self.count_time()
         state: dict[str, Any] = {name: getattr(self, name) for name in self._COUNTERS}
         state |= {"record": json.dumps(self.record), "side": self.side, "shape": list(self.shape)}
         state |= {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
         buffer = io.BytesIO()
         torch.save(state, buffer)
-        self.require_own()
-        write_whole(self.folder / "checkpoint.pt", buffer.getvalue())
+        return buffer.getvalue()
 
     def restore(self) -> None:
         """Take up the run of the folder."""

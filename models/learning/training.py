@@ -15,6 +15,8 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -75,8 +77,9 @@ def train(
     folder
         Of the run.
     seconds
-        Time to spend by the clock, everything included, in all calls for this run together; the last validation is
-        timed on the untrained network and comes off. One step is made in any case. None: all epochs.
+        Wall-clock budget, everything included, of all calls for this run together. The end of a run (validation, files)
+        is timed before the first step and after each epoch, scaled by the present load of the machine, and reserved.
+        One step is made in any case. None: all epochs.
     device
         Torch device. On CUDA the forward pass runs in bfloat16, which the CPU would only emulate.
     progress
@@ -150,20 +153,26 @@ def _trained(
     steps: Callable[[int, int], None] | None, reserve: float,
 ) -> Reconstructor:  # fmt: skip
     run.finished |= run.spent_but(0.0, seconds)
-    closing = 0.0 if seconds is None or run.finished else reserve + run.time_of_validation()
+    closing = Closing(reserve)
+    if not (seconds is None or run.finished):
+        with closing.measured():
+            run.rehearse_end()
     loss_of = TARGETS[run.training.target].loss or loss_named(run.training.loss)
     taken, total, saved = 0, length * run.training.epochs, time.monotonic()
     while not run.finished:
         try:
+            run.count_time()
+            before = run.spent
             for inputs, targets in run.pace.timed(batches(run.epoch, run.step)):
                 done = run.epoch * length + run.step
-                share = done / total if seconds is None else max(done / total, run.spent / max(seconds - closing, 1e-9))
-                with undisturbed():
+                learning = math.inf if seconds is None else max(seconds - closing.seconds, 1e-9)
+                share = max(done / total, run.spent / learning)
+                with undisturbed(), closing.stepping():
                     run.take_step(inputs, targets, loss_of, min(1.0, (done + 1) / WARM_UP) * cosine(share))
                 taken += 1
                 run.count_time()
                 if steps is not None:
-                    pace = 0.0 if seconds is None else run.spent / max(seconds - closing, 1e-9) / (done + 1)
+                    pace = run.spent / learning / (done + 1)
                     steps(done + 1, min(total, max(done + 1, round(1 / pace))) if pace else total)
                 if taken == stop_after:
                     run.save()
@@ -172,22 +181,74 @@ def _trained(
                 if time.monotonic() - saved > save_every:
                     run.save()
                     saved = time.monotonic()
-                if run.spent_but(closing, seconds):
+                if run.spent_but(closing.seconds + run.spent - before, seconds):  # another step would be too late
                     run.finished = True
                     break
+                before = run.spent
             interrupt.obey()
         except (Exception, KeyboardInterrupt, Terminated):
             if not run.stepping:
                 run.save()
                 interrupt.obey()
             raise
-        row = run.end_epoch()
-        saved = time.monotonic()
-        if progress is not None:
-            progress(row)
+        with closing.measured():
+            row = run.end_epoch()
+            saved = time.monotonic()
+            if progress is not None:
+                progress(row)
         interrupt.obey()
-        run.finished |= run.spent_but(closing, seconds)
+        run.finished |= run.spent_but(closing.seconds, seconds)
     return Reconstructor.load(run.folder / "best.pt")
+
+
+@dataclass
+class Closing:
+    """Seconds by the clock that the end of a run will take.
+
+    Attributes
+    ----------
+    reserve
+        Seconds that the caller needs afterwards.
+    ending
+        Seconds of the last validation and its files, as measured before the first step and at the end of each epoch.
+    load, first
+        Seconds by the clock for one of CPU time while ``ending`` was measured, and while it was measured first, which
+        stands for the time when the caller measured ``reserve``.
+    clock, cpu
+        Seconds by the clock and of CPU time of the last steps. On a machine that has become busier their ratio is above
+        ``load``, and the end will take as many times longer.
+    """
+
+    reserve: float
+    ending: float = 0.0
+    load: float = 0.0
+    first: float = 0.0
+    clock: float = 0.0
+    cpu: float = 0.0
+
+    @contextmanager
+    def measured(self) -> Iterator[None]:
+        """Time the end of an epoch, or its rehearsal."""
+        clock, cpu = time.perf_counter(), time.process_time()
+        yield
+        self.ending = time.perf_counter() - clock
+        self.load = self.ending / max(time.process_time() - cpu, 1e-9)
+        self.first = self.first or self.load
+
+    @contextmanager
+    def stepping(self) -> Iterator[None]:
+        """Time a step; the last ten count most."""
+        clock, cpu = time.perf_counter(), time.process_time()
+        yield
+        self.clock = 0.9 * self.clock + time.perf_counter() - clock
+        self.cpu = 0.9 * self.cpu + time.process_time() - cpu
+
+    @property
+    def seconds(self) -> float:
+        """Seconds by the clock, at the present load of the machine."""
+        load = self.clock / max(self.cpu, 1e-9)
+        parts = (self.reserve, self.first), (self.ending, self.load)
+        return sum(part * (max(1.0, load / then) if then > 0 else 1.0) for part, then in parts)
 
 
 def cosine(share: float) -> float:

@@ -127,6 +127,7 @@ def train(
     if beside.judged:
         typer.echo(f"\nbefore training: {beside.table()}")
     reserve += time.perf_counter()
+    _draw_once(out)
     model = _fitted(settings, material, out, seconds, device, begun, 2 * reserve, first)
     _conclude(model, beside, out)
 
@@ -278,6 +279,14 @@ def _fitted(
     if not rows:
         typer.echo(f"The run in {out} is already finished, so nothing was trained. Raise --epochs to continue it.")
     return model
+
+
+def _draw_once(out: Path) -> None:
+    """Draw empty curves, so that the plotting library is loaded before training and not after its seconds."""
+    from specklegen.models.judging.charts import training_curves
+
+    blank = {"seconds": 0.0, "train_loss": 0.0, "validation_": 0.0}
+    training_curves({"": [blank]}, out / ".curves.png").unlink()
 
 
 def fed(made: float, trained: float) -> str:
