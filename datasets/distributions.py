@@ -131,7 +131,7 @@ def drawn(value: "float | Uniform | LogUniform | Choice", rng: np.random.Generat
 
 
 def drawn_from(value: "float | Uniform | LogUniform", uniform: "torch.Tensor") -> "torch.Tensor":
-    """What :func:`drawn` draws where a generator's next number is ``uniform`` float64[B], in [0, 1); no choices."""
+    """Return the draw of :func:`drawn` for the uniform numbers float64[B] of a generator, in [0, 1); no choices."""
     import torch
 
     if isinstance(value, Uniform):

@@ -19,7 +19,7 @@ RESERVED = ("index", "parameters", "seed", "seal", "valid", "checksum", "file")
 
 
 class ArraySpec(Value):
-    """How one array of a sample is laid out.
+    """Layout of one array of a sample.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def stored_arrays(recipe: Renderable) -> dict[str, ArraySpec]:
 
 
 def named_file(names: Sequence[str], parameters: Mapping[str, float]) -> dict[str, str]:
-    """What a sample says of the file that its object is from: its name; "" of an object of a mixture from none."""
+    """Name of the file of a sample's object; "" for an object of a mixture that has no file."""
     if not names or "file" not in parameters:
         return {}
     number = int(parameters["file"])

@@ -27,7 +27,7 @@ SHARES: dict[Split, float] = {"train": 0.8, "validation": 0.1, "test": 0.1}
 
 
 class Purpose(IntEnum):
-    """What a substream is for. The numbers are part of the data version: add, never renumber."""
+    """Purposes of substreams. The numbers are part of the data version: add, never renumber."""
 
     MATERIAL = 1
     MEDIUM = 2

@@ -35,6 +35,8 @@ _NO_PROSE = re.compile(
     r"```.*?```|~~~.*?~~~|^:::\{toctree\}.*?^:::$|^:{3,}.*?$|^ *\|.*?$|\$\$.*?\$\$|<!--.*?-->|^---\n.*?\n---$",
     re.S | re.M,
 )
+_FORMULA = re.compile(r"^\n(?: {4,}.*\n(?:\n(?= {4}))?)+", re.M)
+"""Indented block of a docstring: a formula, a table or code."""
 _MARKS = re.compile(r"``.*?``|`[^`]*`|\bdocs/\w+\.md|\$[^$]*\$|!?\[([^\]]*)\]\([^)]*\)|\{[\w:-]+\}")
 _FIGURE = re.compile(r"(?<![\w.])[\d.]*\d[\d.]*(?:e-?\d+)?")
 _MESSAGES = ("reject", "_refuse", "warn", "RuleError", "ValueError", "OSError", "Failed")
@@ -73,7 +75,7 @@ def code_faults(file: Path) -> Iterator[tuple[str, str]]:
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and (doc := ast.get_docstring(node)):
             if _RULES["first word"].match(doc):
                 yield "first word", doc.splitlines()[0]
-            yield from faults(re.split(r"\n\w+\n-{4,}\n", doc)[0])
+            yield from faults(_FORMULA.sub("\n\n", re.split(r"\n\w+\n-{4,}\n", doc)[0] + "\n"))
         elif isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) in _MESSAGES:
             formats = {leaf for part in ast.walk(node) if isinstance(part, ast.FormattedValue) and part.format_spec
                        for leaf in ast.walk(part.format_spec)}  # fmt: skip

@@ -167,7 +167,7 @@ def render_to_zarr(scene: Scene, out: Path | str, *, progress: bool = False, **a
 
 
 def _attributes(scene: Scene, arguments: dict[str, Any]) -> dict[str, Any]:
-    """What a group says of itself; JSON types."""
+    """Attributes of a group; JSON types."""
     return {
         "title": "speckle stack of specklegen", "scene": scene.model_dump_json(by_alias=True),
         "arguments": {name: repr(value) for name, value in arguments.items()}, "libraries": library_versions(),

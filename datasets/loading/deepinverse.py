@@ -107,7 +107,7 @@ def _operators(recipe: HiddenObject, seed: tuple[int, ...], split: Split, medium
 
 
 def _unit(of: ObjectOperator) -> float:
-    """What the mean brightness of an object is over a pixel's expectation."""
+    """Ratio of the mean brightness of an object to a pixel's expectation."""
     rows, columns = of.imaging.shape
     return 1 / (rows * columns)
 

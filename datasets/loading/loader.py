@@ -59,7 +59,7 @@ class _FromBatch(IterableDataset):
 
 
 class EpochSampler:
-    """What training frameworks look for to say which epoch comes next: they call ``loader.sampler.set_epoch``."""
+    """Object by which training frameworks set the next epoch: they call ``loader.sampler.set_epoch``."""
 
     def __init__(self, loader: "EpochLoader") -> None:
         self._loader = loader
@@ -136,12 +136,12 @@ class EpochLoader:
 
     @property
     def sampler(self) -> EpochSampler:
-        """What frameworks tell the epoch to."""
+        """Object that receives the epoch from frameworks."""
         return EpochSampler(self)  # not kept: in a circle the workers would outlive the loader
 
     @property
     def dataset(self) -> EpochBatches:
-        """What the batches come from, by the name that training frameworks know."""
+        """Source of the batches, by the name that training frameworks use."""
         return self.batches
 
     def __len__(self) -> int:

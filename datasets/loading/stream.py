@@ -158,7 +158,7 @@ class SpeckleStream(EpochBatches):
 
     @cached_property
     def _generator(self) -> SpeckleGenerator | None:
-        """What makes batches on another device than the CPU; None where the recipe is asked for them."""
+        """Maker of batches on another device than the CPU; None if the recipe makes them."""
         if self.device.type == "cpu" or not isinstance(self.recipe, Recipe):
             return None
         return SpeckleGenerator(self.recipe, self.seed, self.split, self.device, graphs=self.graphs)

@@ -90,7 +90,7 @@ class Polygons(Drawing):
 
 
 class Blobs(Drawing):
-    """Where smooth noise is above a threshold: islands, rings and textures; splits share no drawing."""
+    """Areas where smooth noise is above a threshold: islands, rings and textures; splits share no drawing."""
 
     type: Literal["Blobs"] = "Blobs"
 

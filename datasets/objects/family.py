@@ -115,7 +115,7 @@ class ObjectFamily(Registered):
 
     @abstractmethod
     def source(self, seed: Seed, split: Split, index: int) -> Source:
-        """What sample ``index`` shows; it belongs to ``split`` and to no other."""
+        """Return the source of sample ``index``; it belongs to ``split`` and to no other."""
 
     @abstractmethod
     def picture(self, source: Source, rng: np.random.Generator) -> np.ndarray:

@@ -27,7 +27,7 @@ def spot_of(shape: tuple[int, int]) -> np.ndarray:
 
 
 class Scan(ObjectFamily):
-    """What a spot of light falls on as it is moved over a page of pictures; a page has rows x columns samples.
+    """Parts of a page of pictures under a moving spot of light; a page has rows x columns samples.
 
     Samples of a page come row by row, and then those of the next page. Each is shown at full brightness; ``light``
     among its labels is the sum of its pixels on the page, which a camera measures as the mean of its image.
@@ -89,7 +89,7 @@ class Scan(ObjectFamily):
         return np.vstack(rows)[: self.wide[0], : self.wide[1]]
 
     def lit(self, seed: Seed, split: Split, index: int) -> np.ndarray:
-        """What the spot of a sample falls on, float64[h, w], at the brightness of the page."""
+        """Part of the page under the spot of a sample, float64[h, w], at the brightness of the page."""
         number, place = divmod(index, prod(self.grid))
         row, column = self.places[place]
         page = self.page(seed, split, number)

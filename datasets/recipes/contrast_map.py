@@ -98,7 +98,7 @@ class Vessels(Value):
 
 
 class ExposureTimes(Value):
-    """How long a surface is exposed.
+    """Exposure times of a surface.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ class ContrastMap(Recipe):
 
     @property
     def moving(self) -> bool:
-        """What is in the vessel does."""
+        """Motion in the vessel."""
         return True
 
     @property
@@ -261,7 +261,7 @@ class ContrastMap(Recipe):
         )
 
     def requests(self, media: SurfaceMedia) -> list[tuple[list[int], MediaRequest]]:  # type: ignore[override]
-        """What is asked for one medium, whose film is drawn already in law."""
+        """Request for one medium, whose film is already drawn in law."""
         level = float(np.sqrt(np.square(media.medium.contrast).mean()))
         request = MediaRequest(
             sight=media.sight, correlations=Tabulated([]), light=None, tolerance=0.0, media=(),

@@ -318,7 +318,7 @@ class SpeckleGenerator:
     def _of_medium(
         self, held: dict[int, Any], medium: int, make: Callable[[], torch.Tensor | None]
     ) -> torch.Tensor:
-        """What is held of a medium for all objects behind it, made where there is nothing yet."""
+        """Return the cached part of a medium for all objects behind it; make it if there is none."""
         with self._lock:
             own = held.get(medium)
         if own is None:
@@ -386,7 +386,7 @@ def _seen_through(
 
 
 def _together(parts: list[tuple[list[int], DrawnMedia]], count: int) -> DrawnMedia:
-    """What of media does not depend on how they are known: tilts, and how still they are."""
+    """Part of media that does not depend on how they are known: tilts, and their rest."""
     _, first = parts[0]
     if len(parts) == 1:
         return first

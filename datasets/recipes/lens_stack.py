@@ -133,7 +133,7 @@ class LensStack(Recipe):
         return False
 
     def _scenes(self, medium: PlaneMedium, foci: np.ndarray) -> list[Scene]:
-        """What the camera sees of a medium, plane by plane."""
+        """Images of a medium, plane by plane."""
         assert self.window is not None
         assert self.camera is not None
         width = cast(float, self.window.width)
@@ -229,7 +229,7 @@ class LensMedia(VolumeMedia):
 
 
 def drawn_focus(focus: Any, seed: Any, split: Split, number: int) -> float:
-    """Where the first plane of a medium lies."""
+    """Return the place of the first plane of a medium."""
     return drawn(focus, generator(substream(seed, split, Purpose.FOCUS, number)))
 
 

@@ -253,7 +253,7 @@ class RecipeMedia(Specification):
         return [([n], Rendering(each.expected_error, each.chosen)) for n, each in enumerate(plans)]
 
     def idealisations(self, scene: Scene) -> list[Decision]:
-        """What a real set-up has and one of the recipe's scenes leaves out."""
+        """Parts of a real setup that a scene of the recipe leaves out."""
         index = self.light.refractive_index if self.lab is None else self.lab.refractive_index
         known = self.lab is not None or index != 1
         band = bool(self.light.bandwidth or (self.lab is not None and self.lab.bandwidth))
@@ -261,7 +261,7 @@ class RecipeMedia(Specification):
 
     @property
     def path_sum_obstacle(self) -> str | None:
-        """What the recipe asks for that path sums have no model of; None where they serve."""
+        """Part of the recipe that path sums have no model of, or None."""
         band = self.light.bandwidth or (self.lab is not None and self.lab.wavenumber_bandwidth)
         return "a bandwidth" if band else None
 
@@ -358,7 +358,7 @@ class RecipeMedia(Specification):
     def sight(
         self, drawn: Addresses, shape: tuple[int, int], object_pitch: Any, base: Any, width: Any = None
     ) -> Sight:
-        """How objects are seen through media.
+        """Imaging of objects through media.
 
         Parameters
         ----------

@@ -45,7 +45,7 @@ _LOG_TIMES = np.linspace(-20.0, 40.0, 13)
 
 
 class Dynamics(Speed):
-    """How a medium changes from image to image.
+    """Change of a medium from image to image.
 
     Parameters
     ----------

@@ -84,7 +84,7 @@ class Medium:
 
 
 class Recipe(RecipeMedia):
-    """What every kind of recipe has. Subclass it, or one of its kinds, for a kind of your own.
+    """Base class of every kind of recipe. Subclass it, or one of its kinds, for your own kind.
 
     A kind is known by its ``kind``: the name of the class, unless the field says another. It says its arrays in
     :meth:`layout`, and lists in :meth:`extremes` the media that a plan must serve.

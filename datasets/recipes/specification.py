@@ -1,4 +1,4 @@
-"""What a recipe says: its fields, checked against each other; its geometry; its identity; the arrays of its samples.
+"""Specification of a recipe: its checked fields; its geometry; its identity; the arrays of its samples.
 
 A recipe is a frozen value, read from a packaged preset or a TOML file. ``inherits`` names another recipe to
 start from, or several, each of which changes those before it; tables are merged, all else is replaced.
@@ -88,7 +88,7 @@ it holds ``layers``."""
 
 
 class Specification(Registered, Pictured):
-    """What every kind of recipe says: :class:`~specklegen.datasets.Recipe` describes each field."""
+    """Fields of every kind of recipe; :class:`~specklegen.datasets.Recipe` describes each."""
 
     name: str
     description: str = ""
@@ -243,7 +243,7 @@ class Specification(Registered, Pictured):
                    self.light.bandwidth, "Use a narrower filter, or a smaller camera.")  # fmt: skip
 
     def _facts(self) -> Mapping[str, object]:
-        """What a file of the recipe says, one row a table; fields that are left out say nothing."""
+        """Tables of a file of the recipe, one row each; without the fields that are left out."""
         tables = self.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True)
         return {name: _row(value) for name, value in tables.items()}
 

@@ -1,4 +1,4 @@
-"""How a store comes to be: made empty and whole under a temporary name, then renamed; grown; distinguished.
+"""Creation of a store: made empty and whole under a temporary name, then renamed; grown; distinguished.
 
 The metadata is written here once, by the process that starts the work; those that fill the store open it.
 

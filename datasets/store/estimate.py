@@ -1,4 +1,4 @@
-"""What generating a data set will cost, from a few samples rendered and stored now."""
+"""Estimated cost of generating a data set, from a few samples rendered and stored now."""
 
 import math
 import os

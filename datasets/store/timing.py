@@ -1,4 +1,4 @@
-"""How long samples take here, from a few that are rendered now; and how many processes are worth their start."""
+"""Time of samples on this machine, from a few rendered now; and the number of processes that pays."""
 
 import time
 

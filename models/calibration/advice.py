@@ -1,4 +1,4 @@
-"""What to measure: the errors to be expected of a fit, before anything is measured.
+"""Advice on measurements: the expected errors of a fit, before anything is measured.
 
 Fisher's information of a slab: (J^T J)^-1 of the derivatives of what would be observed, over its errors. Logarithms'
 standard errors above about 0.5 say "not determined", not how far off: valleys are curved (docs/measured.md).
@@ -235,7 +235,7 @@ def _usual(x: np.ndarray, wavelength: float, moving: bool) -> tuple[Observation,
 
 
 def _crossing(at: np.ndarray, falling: np.ndarray, level: float) -> float:
-    """Where a falling curve passes a level first; its last place where it never does."""
+    """Return where a falling curve first passes a level; its last place if it never does."""
     below = np.flatnonzero(falling < level)
     if not len(below) or not below[0]:
         return float(at[-1] if not len(below) else at[0])

@@ -1,4 +1,4 @@
-"""What is compared of two sets of speckle images: a few numbers of each image, in groups that have causes of their own.
+"""Statistics that compare two sets of speckle images: a few numbers of each image, in groups of one cause each.
 
 Every number is a function of one image (or of one stack of frames of one medium) alone, its brightness taken off, so
 that images of one law are exchangeable whatever the numbers are.

@@ -641,7 +641,7 @@ def _drawn_rises(fit: MaterialFit) -> np.ndarray:
 
 
 def _profile_intervals(fit: MaterialFit, rises: np.ndarray) -> dict[str, Interval]:
-    """Where the profile of each combination has risen by ``rises``, sought on both sides of all at once."""
+    """Find where the profile of each combination has risen by ``rises``, on both sides of all at once."""
     unknowns, covariance = fit.problem.unknowns, fit.spread
     names = unknowns.names()
     weights = np.repeat([unknowns.weights(name) for name in names], 2, axis=0)

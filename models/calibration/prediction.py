@@ -1,4 +1,4 @@
-"""What a laboratory would measure of a slab, and its exact derivatives: a batch of slabs at once, from tables.
+"""Predicted measurements of a slab, with exact derivatives: a batch of slabs at once, from tables.
 
 A slab is five numbers, the columns of x: ln thickness, ln optical depth, ln(1 - g), -ln albedo, ln diffusion. From the
 tables come distributions of multiply scattered light over distances r, momentum transfers Y and lengths s; single
@@ -95,7 +95,7 @@ class _Light(NamedTuple):
 
 
 class Tables:
-    """What is interpolated at slabs float64[B, 5], moved along some of the columns."""
+    """Interpolate at slabs float64[B, 5], moved along some of the columns."""
 
     def __init__(self, slabs: np.ndarray, moved: Sequence[int]) -> None:
         self.slabs, self.sloping = slabs, len(moved) > 0

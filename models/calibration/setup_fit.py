@@ -82,7 +82,7 @@ class _Fitted(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SetupFit(Pictured):
-    """What camera frames of speckle say of the setup.
+    """Setup fitted to camera frames of speckle.
 
     Attributes
     ----------
@@ -317,7 +317,7 @@ def fit_setup(
 
 
 def influence(images: np.ndarray, setup: PointSpeckle) -> np.ndarray:
-    """What each image moves a fit by, float64[n, 3]: ln(grain), contrast^2 and noise^2; their mean is the whole move.
+    """Influence of each image on a fit, float64[n, 3]: ln(grain), contrast^2 and noise^2; their mean is the whole move.
 
     One step of Fisher's scoring from the setup, image by image; images float64[n, h, w] of any brightness.
     """
@@ -374,7 +374,7 @@ def _alone(tiles: _Seen, profile: Profile, grain: float, pixel: bool) -> np.ndar
 
 
 def _alone_behind(tiles: _Seen, targets: list[Target], profile: Profile, grain: float, pixel: bool) -> np.ndarray:
-    """The same float64[n, F] of a target behind media."""
+    """Return the spectra float64[n, F] of a target behind media."""
     one, target = torch.ones(1, dtype=torch.float64), targets[0]
     transform = transforms(tiles.rows, tiles.columns, tiles.shape, target.shape, target.step * one,
                            float(np.exp(grain)) * one, profile, pixel)  # fmt: skip
@@ -420,14 +420,14 @@ def _at(tiles: _Seen, profile: Profile, grain: float, pixel: bool) -> _Fitted:
 
 
 def _with_brightness(profile: Profile, grain: float, alone: np.ndarray, power: np.ndarray) -> _Fitted:
-    """The same of a mean periodogram of contrast 1, from the tiles' mean one."""
+    """Return that of a mean periodogram of contrast 1, from the mean over tiles."""
     lit, noise = _brightness(alone, power)
     spectrum = lit * alone + noise
     return _Fitted(profile, grain, lit, noise, spectrum, float((np.log(spectrum) + power / spectrum).sum()))
 
 
 def _ranges(tiles: _Seen, near: _Fitted, pixel: bool) -> RangeProfile:
-    """How the likelihood falls with the range, the grain fitted near the one that is known so far."""
+    """Profile likelihood of the range, with the grain fitted near its present estimate."""
     count, power = len(tiles.power), tiles.power.mean(axis=0)
 
     def quick(targets: list[Target]) -> np.ndarray:
@@ -505,7 +505,7 @@ def _fitted(tiles: _Seen, profile: Profile, guess: float, pixel: bool) -> _Fitte
 
 
 def _behind(tiles: _Seen, best: _Fitted, other: _Fitted) -> float:
-    """How many standard errors of the mean ratio of likelihoods another shape is less likely."""
+    """Standard errors of the mean likelihood ratio by which another shape is less likely."""
     if other is best:
         return 0.0
     ratio = (np.log(other.spectrum / best.spectrum) + tiles.power * (1 / other.spectrum - 1 / best.spectrum)).sum(

@@ -26,7 +26,7 @@ from specklegen.models.likelihood.spectrum import autocorrelation_of
 
 
 class Fall(NamedTuple):
-    """How C_I falls: where it stops being a Gaussian function, in ranges, and the power by which it goes on."""
+    """Shape of C_I: where it stops being a Gaussian function, in ranges, and the power of its tail."""
 
     bend: float
     power: float
@@ -92,12 +92,12 @@ class Target(NamedTuple):
         return self.step * float(np.mean(widths)) if self.shape != (1, 1) else 0.0
 
     def behind(self, reach: float, fall: Fall = GAUSSIAN) -> "Target":
-        """The same, behind a medium of such a range, camera pixels; infinity leaves it as it is."""
+        """Return the target behind a medium of such a range, camera pixels; infinity leaves it unchanged."""
         return self._replace(reach=float(reach), fall=Fall(*map(float, fall)))
 
 
 class RangeProfile(NamedTuple):
-    """How the likelihood falls with the range.
+    """Profile likelihood of the range.
 
     Attributes
     ----------

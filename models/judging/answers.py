@@ -41,7 +41,7 @@ class Classification(NamedTuple):
 
     @property
     def confusion(self) -> np.ndarray:
-        """How often a class (row) was taken for another (column), int64[K, K]."""
+        """Confusion matrix: counts of a class (row) taken for another (column), int64[K, K]."""
         counts = np.zeros((self.probabilities.shape[1],) * 2, np.int64)
         np.add.at(counts, (self.labels, self.probabilities.argmax(1)), 1)
         return counts

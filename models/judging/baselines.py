@@ -1,4 +1,4 @@
-"""What a network is judged beside: the mean image, which looks at nothing, and methods that learn nothing.
+"""Baselines of a network: the mean image, which ignores its input, and methods that learn nothing.
 
 A method is a function of a batch (of a hidden-object recipe, as tensors) to brightness float32[B, n, n] on the pitch of
 the object, up to shift and flip; n is at most :data:`FRAME`.
@@ -62,7 +62,7 @@ def network(model: Reconstructor) -> Method:
 
 
 def untrained(model: Reconstructor, seed: int = 0) -> Reconstructor:
-    """The same architecture with weights as before training: what its shape alone makes of an image."""
+    """Return the architecture with its initial weights: the result of its shape alone."""
     fresh = copy.deepcopy(model)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)

@@ -267,7 +267,7 @@ def _here(function: Function, check: Callable[[Any, int], Tensor]) -> Function:
 
 
 def _checked(made: Any, count: int, pages: Mapping[int, tuple[int, int]]) -> Tensor:
-    """What a function answers to so many images, which may be the exposures of a page of some shape."""
+    """Return the answer of a function to some images, which may be the exposures of a page of some shape."""
     made = torch.as_tensor(made)
     if tuple(made.shape) == (1, *pages.get(count, ())) and not made.is_complex():
         pass

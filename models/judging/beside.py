@@ -1,4 +1,4 @@
-"""What a run of training is judged beside: methods that learn nothing, asked once about its own validation images.
+"""Baselines of a training run: methods that learn nothing, scored once on its validation images.
 
 They answer before training begins, so that what they take is known and comes off the seconds of the run; the table is
 shown then with the network as it is before its first step, and again with what it has become, on the same images.

@@ -27,7 +27,7 @@ def training_curves(runs: Mapping[str, Sequence[Mapping[str, float]]], out: Path
 
 
 class Note(NamedTuple):
-    """What a sheet says of one reconstruction besides its score, and whether it frames it as wrong."""
+    """Text of a sheet about one reconstruction besides its score, and whether it is framed as wrong."""
 
     text: str
     wrong: bool = False

@@ -16,7 +16,7 @@ from specklegen.models.metrics import Interval
 
 
 class MapScores(NamedTuple):
-    """How far maps are from what is so.
+    """Errors of maps against the ground truth.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How each kind of task is scored: images up to shift and turn, pages in their place, measured frames up to more.
+"""Scores of each kind of task: images up to shift and turn, pages in their place, measured frames up to more.
 
 :func:`judged` asks methods about the batches of a task, whatever its kind, and says what their answers score for the
 objects of others.

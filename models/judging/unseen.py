@@ -1,4 +1,4 @@
-"""What a network has seen: characters that it was trained on, in any font, upright or upside down."""
+"""Objects that a network has seen: characters that it was trained on, in any font, upright or upside down."""
 
 from collections.abc import Iterable, Mapping
 from itertools import islice

@@ -35,7 +35,7 @@ _NOISES = 0.1  # of the power of a weak frequency, by which images' noises may d
 
 @dataclass(frozen=True, eq=False)
 class ClassEvidence:
-    """What images say of the classes of their objects.
+    """Probabilities of the classes of objects, given their images.
 
     Attributes
     ----------

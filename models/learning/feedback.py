@@ -1,4 +1,4 @@
-"""What a measurement says of a picture: the gradient of its likelihood, and the amplitudes that lags ask for.
+"""Feedback of a measurement on a picture: the gradient of its likelihood, and the amplitudes that fit the lags.
 
 Two hints, both on the object's frame, whatever the camera. The gradient of the exact deviance
 (:class:`~specklegen.models.likelihood.likelihood.SpeckleLikelihood`) is right and near-sighted. The picture whose
@@ -26,7 +26,7 @@ _DARK = 2e-3  # least brightness at which a gradient is taken
 
 
 class Measured(NamedTuple):
-    """What feedback needs, of B measurements.
+    """Data of feedback, of B measurements.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Measured(NamedTuple):
         return self.likelihood(images, self.between[:, None])
 
     def __call__(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """What is said of images float[B, K, n, n], brightness 0 to 1.
+        """Return the feedback on images float[B, K, n, n], brightness 0 to 1.
 
         Returns
         -------

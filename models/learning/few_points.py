@@ -1,4 +1,4 @@
-"""Where few points explain an image, they are the answer of the solver: the likelihood alone places them.
+"""Solver for objects of few points: the likelihood alone places them.
 
 The network shows that an object is sparse; which of many constellations it is, it cannot tell, since lags of points
 that are wide apart fade beyond the memory-effect range. The search is that of

@@ -1,4 +1,4 @@
-"""What a network sees of a sample: the camera image, or the autocorrelation of its speckle around zero lag.
+"""Inputs of networks: the camera image, or the autocorrelation of its speckle around zero lag.
 
 The autocorrelation is that of the object times the material's memory effect, plus a speckle grain at zero lag (Freund
 1990; Katz et al. 2014), and all of it lies within one object's side of zero lag. So only those lags are handed over, on

@@ -89,7 +89,7 @@ class Reconstructor:
         return self(inputs)
 
     def tell(self, batch: Mapping[str, Any]) -> Tensor:
-        """What the network was trained to tell of a batch.
+        """Return the network's estimate of its target for a batch.
 
         Returns
         -------

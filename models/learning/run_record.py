@@ -1,4 +1,4 @@
-"""What a run was made with, so that nothing else goes on with it: settings, data and validation data.
+"""Record of a run, so that nothing else continues it: settings, data and validation data.
 
 Examples in memory are known by the SHA-256 of their tensors; a caller that knows their origin states it, and
 then a difference has a name: a recipe's field, a seed, a split.

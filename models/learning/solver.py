@@ -361,7 +361,7 @@ def lags_of(likelihood: SpeckleLikelihood) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def described(variance: Tensor, grain: Tensor, looks: float) -> Tensor:
-    """What lags are like, in numbers of order one, float[B, 3]."""
+    """Features of lags, in numbers of order one, float[B, 3]."""
     count = torch.full_like(variance, 0.5 * float(np.log(looks)))
     return torch.stack([grain.log(), 0.2 * variance.clamp_min(1e-12).log() + 1.5, count], dim=1)
 

@@ -1,4 +1,4 @@
-"""What a network is to tell of a sample: its object, the object's label, numbers of the medium, or maps of contrast.
+"""Targets of networks: the object of a sample, its label, numbers of the medium, or maps of contrast.
 
 Numbers are one row, float[B, 1, K], and maps lie one below the other, so that networks and runs are those of objects.
 """
@@ -21,7 +21,7 @@ CLASSES = 45
 
 
 class Scale(NamedTuple):
-    """Where a number of a medium lies among those that networks are shown, and whether it is stated by its log10."""
+    """Range of a number of a medium in training, and whether its log10 is used."""
 
     middle: float
     spread: float

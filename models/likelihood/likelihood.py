@@ -1,4 +1,4 @@
-"""How probable a camera image is, given the object and the slab.
+"""Likelihood of a camera image, given the object and the slab.
 
 The periodogram I of an image has nearly independent values, exponentially distributed about their mean S
 (:mod:`spectrum`); of several looks it has a gamma distribution. Their likelihood is Whittle's (1953),

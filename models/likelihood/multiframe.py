@@ -151,7 +151,7 @@ def multiframe_deconvolution(
 
 @dataclass(frozen=True)
 class _Found:
-    """Where S searches ended.
+    """Results of S searches.
 
     ``pixels`` float64[S, N, n, n] and ``shares`` float64[S, 2] are logarithms, of the objects and of s; ``cost`` is
     -log L of each, and ``explained`` the share of the power that one medium explains.

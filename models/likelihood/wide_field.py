@@ -178,7 +178,7 @@ class Scanned:
         return cls(light, rows, columns, wide, weight)
 
     def parts(self, wide: Tensor) -> Tensor:
-        """What the spots light of an object float[H, W]: float[N, h, w]."""
+        """Cut out the parts of an object float[H, W] under the spots: float[N, h, w]."""
         return wide[self.rows, self.columns] * self.spot
 
     def together(self, parts: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""How wrong the autocorrelation that a camera measures is, before any retrieval: from the scene alone, nothing fitted.
+"""Error of the autocorrelation that a camera measures, before any retrieval: from the scene alone, nothing fitted.
 
 The autocorrelation of one image comes from a camera of N x N pixels; only the lags under a window g are kept. Its
 transform at frequency f averages N^2 / sum g^2 independent cells of a periodogram, whose relative spread is 1 each, so
@@ -128,7 +128,7 @@ class Residual(NamedTuple):
 
 
 class _Light(NamedTuple):
-    """What the light of a scene does on the grid.
+    """Light of a scene on the grid.
 
     Attributes
     ----------
@@ -246,7 +246,7 @@ def saturated(seen: np.ndarray, noise: float, level: float) -> tuple[np.ndarray,
 
 
 class _Envelope(NamedTuple):
-    """What is left of the beam along one axis of the camera, which is separable.
+    """Remaining envelope of the beam along one axis of the camera, which is separable.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How large a hidden object is: the distance up to which the autocovariance of camera frames says more than it errs.
+"""Size of a hidden object: the distance up to which the autocovariance of camera frames exceeds its error.
 
 Of frames of N pixels, C(l) the mean over the pairs of pixels l apart, n(l) of them, what is no signal scatters by
 

@@ -518,7 +518,7 @@ def _evidence(
 
 
 def _wanting(variance: float, alike: float, apart: float) -> dict[str, float]:
-    """What no evidence can be had without; 0 where there is enough, and as much as refuses a camera frame elsewhere.
+    """Evidence that is missing; 0 if there is enough, otherwise as much as refuses a camera frame.
 
     Of neighbouring pixels how alike they are over the scatter of white noise, and over that of far lags.
     """

@@ -1,4 +1,4 @@
-"""How sparse the frequency bands of a camera frame are: what tells pictures from speckle where no setup is stated.
+"""Sparseness of the frequency bands of a camera frame, which separates pictures from speckle without a setup.
 
 A band of frequencies of speckle, whatever the object, is y = sum_i a_i |z_i|^2 of Gaussian z_i with weights of sum 0.
 Its excess kurtosis 6 sum a^4 / (sum a^2)^2 is at most 6, and falls as points or grains are added that take part in it:

@@ -39,7 +39,7 @@ _TELLING = 2.0  # spreads from which on a piece of evidence is put in words
 
 
 class SpeckleTest(NamedTuple):
-    """What was found of one object's images.
+    """Statistics of one object's images.
 
     Attributes
     ----------

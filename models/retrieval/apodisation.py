@@ -1,4 +1,4 @@
-"""What a window of finite width does to spatial frequencies, and objects as it can show them.
+"""Transfer function of an aperture of finite width, and objects as it can show them.
 
 The window's transfer function T is the autocorrelation of its intensity, in frequencies over the cut-off width /
 wavelength. Speckle through it turns the modulus |O| of an object into |O| sqrt(T) (:mod:`autocorrelation`): the

@@ -1,4 +1,4 @@
-"""What phase retrieval knows of an image, each as the projection that puts it right: its modulus, its support.
+"""Constraints of phase retrieval as projections: the modulus and the support of an image.
 
 Images go in pairs, float32[B, P, n, n, 2]: two restarts are the real and the imaginary part of one image, and one
 complex transform serves both, in less than half of the time of two real ones there and back. Moduli are float32[B, 1,
@@ -43,7 +43,7 @@ def _with_modulus_by_arrays(pairs: Tensor, modulus: Tensor) -> Tensor:
 
 
 def fed_back(image: Tensor, proposed: Tensor, allowed: Tensor, beta: float) -> Tensor:
-    """What is proposed where it is positive and allowed; elsewhere image - beta * proposed. Takes the image's place."""
+    """Return the proposal where it is positive and allowed; elsewhere image - beta * proposed. Works in place."""
     if image.device.type == "cpu":
         flat = [x.view(-1).numpy() for x in (image, proposed, allowed)]
         kernels.feed_back(*flat, flat[0].dtype.type(beta))

@@ -51,7 +51,7 @@ def lag_variance(images: Tensor, taper: Tensor | float = 0.0) -> Tensor:
 def weights(
     lags: Tensor, memory_effect: Tensor, variance: Tensor, *, side: float, grain: Tensor, guess: Division = "dense"
 ) -> Tensor:
-    """What to multiply lags with, real[B, n, n], 1 at the zero lag.
+    """Return the factor of lags, real[B, n, n], 1 at the zero lag.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ def _planned(plans: "list[Plan]") -> dict[str, Any]:
 
 
 def _cost(recipe: "Recipe", samples: int | None) -> dict[str, Any]:
-    """What so many samples cost here, by a few of them."""
+    """Estimate the cost of samples on this machine from a few of them."""
     from specklegen.datasets.store.estimate import estimate  # with zarr and torch, after the plans are read
 
     count = samples if samples is not None else recipe.length("train")

@@ -1,4 +1,4 @@
-"""How large what a file unpacks to may be: the limits of every reader of files that others made.
+"""Limits on the decompressed size of a file, for every reader of files that others made.
 
 A reader takes sizes from a header and compares them before it reads, or unpacks, what they are of: a small file can
 hold what fills the memory.

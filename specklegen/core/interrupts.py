@@ -30,7 +30,7 @@ def terminable() -> Iterator[None]:
 
 
 class Interrupt:
-    """Whether, and by which exception, the program is to stop."""
+    """Exception by which the program is to stop, or None."""
 
     asked: type[KeyboardInterrupt | Terminated] | None = None
 

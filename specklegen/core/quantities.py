@@ -68,7 +68,7 @@ class Bare(NamedTuple):
 
 
 class Node(NamedTuple):
-    """What a field may hold: a number of a dimension, or values and tables."""
+    """Possible contents of a field: a number of a dimension, or values and tables."""
 
     dimension: Dimension | None = None
     members: tuple[Any, ...] = ()

@@ -62,7 +62,7 @@ class Estimate:
 
 
 def paths_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
-    """What ``render(scene, sampler="paths", paths=paths, seed=seed)`` implies, from the very paths of that render.
+    """Return what ``render(scene, sampler="paths", paths=paths, seed=seed)`` implies, from the paths of that render.
 
     The NUFFT's error is not in it: it is below the render's ``field_tolerance`` and has nothing to do with paths.
     """
@@ -104,7 +104,7 @@ def connection_amplitudes(tracer: Tracer, bank: PathBank, points: np.ndarray, *,
 
 
 def covariance_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
-    """What ``covariance`` finds for the points alone: lights and views that are not asked for would cost time."""
+    """Estimate the covariance of the points alone: other lights and views would cost time."""
     return eigen_estimate(*only(scene, probes), paths, seed)
 
 
@@ -124,7 +124,7 @@ def single_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Est
 
 
 def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
-    """What the model of ``render(scene, sampler="stationary", paths=paths)`` implies, estimated under a seed.
+    """Return what the model of ``render(scene, sampler="stationary", paths=paths)`` implies, estimated under a seed.
 
     Of an incoherent object: between the beams of its lit pixels at views that have moved with them, as its modes
     have it.
@@ -155,7 +155,7 @@ def stationary_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) ->
 
 
 def screens_estimate(scene: Scene, probes: Probes, paths: int, seed: Seed) -> Estimate:
-    """What ``render(scene, sampler="screens")`` draws its fields from, in closed form; its error is the planner's."""
+    """Return the closed form behind ``render(scene, sampler="screens")``; its error is the planner's."""
     plan(scene, sampler="screens", threads=1)
     stack = scene.thin
     assert stack is not None

@@ -72,12 +72,12 @@ def finished(scene: Scene, probes: Probes, count: int, seed: int, done: Estimate
 
 
 def _after(estimate: Callable[[Scene, Probes, int, int], Estimate]) -> Callable[..., Estimate]:
-    """What a render implies, which its images do not tell: found anew from its seed."""
+    """Estimates that a render implies, computed again from its seed: its images do not hold them."""
     return lambda scene, probes, count, seed, done: estimate(scene, probes, count, seed)
 
 
 def _any_directions(scene: Scene) -> Scene:
-    """The same views as a list, which is summed directly."""
+    """Return the views as a list, which is summed directly."""
     return scene.replace(sensor=FarField(directions=scene.views))
 
 

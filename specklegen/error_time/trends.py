@@ -1,4 +1,4 @@
-"""How an error falls with run time: the slope of a straight part, and where two curves cross.
+"""Decrease of an error with run time: the slope of a straight part, and the crossing of two curves.
 
 log error = c + s log time,    s = -1/2 for independent samples
 """
@@ -58,7 +58,7 @@ def fit_trend(seconds: ArrayLike, errors: ArrayLike, freedom: ArrayLike) -> Tren
 def crossover(
     one: tuple[ArrayLike, ArrayLike], other: tuple[ArrayLike, ArrayLike], margin: float = 1.0
 ) -> tuple[float, float] | None:
-    """Where two curves (seconds float[n], errors float[n]) cross: (seconds, error), or None.
+    """Return the crossing (seconds, error) of two curves (seconds float[n], errors float[n]), or None.
 
     Interpolated between measured points in logarithms, over the times that both cover; of several crossings the last.
     A crossing counts where on either side the errors differ somewhere by the factor ``margin`` at least.

@@ -158,6 +158,6 @@ def _written(step: Any) -> str:
 
 
 def address_of(state: State) -> dict[str, str]:
-    """What the address holds of a state: all that is not where it begins."""
+    """Return the part of a state that the address holds: all that differs from the initial state."""
     begins = State()
     return {name: _written(value) for name, value in asdict(state).items() if value != getattr(begins, name)}

@@ -32,7 +32,7 @@ def buttons(*elements: str) -> str:
 
 
 def files(state: State) -> list[tuple[str, str, bytes]]:
-    """What can be taken along: label, file name, contents; nothing where the view has no such medium."""
+    """Downloads: label, file name, contents; none if the view has no such medium."""
     try:
         return [
             ("Recipe as TOML", "explored.toml", toml(state).encode()),

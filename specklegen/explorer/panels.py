@@ -1,4 +1,4 @@
-"""What is shown of a state: every panel a pure function of it."""
+"""Panels of a state: each is a pure function of it."""
 
 import time
 import warnings
@@ -64,7 +64,7 @@ def sample(state: State) -> dict[str, Any]:
 
 
 def doubts(state: State) -> tuple[str, ...]:
-    """What the planner doubts about rendering this quickly, in its words."""
+    """Doubts of the planner about rendering this quickly, in its words."""
     recipe = recipe_of(state).replace(name="explored")  # plans anew: a recipe warns once
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoubtWarning)

@@ -1,4 +1,4 @@
-"""What the solvers return: scattered fields at the two faces of a layer."""
+"""Results of the solvers: scattered fields at the two faces of a layer."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

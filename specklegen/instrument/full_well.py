@@ -1,4 +1,4 @@
-"""Where a camera's pixels are full: the heap of counts at the upper end of bright frames.
+"""Saturation level of a camera: the heap of counts at the upper end of bright frames.
 
 Charges above the full well are all read as one, W counts, blurred by the read noise sigma; below it the light's own
 density goes on, over a few sigma a straight line. A count c is then found

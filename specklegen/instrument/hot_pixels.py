@@ -44,7 +44,7 @@ def hot_among_neighbours(light: np.ndarray) -> np.ndarray:
 
 
 def _step(light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far each pixel is above what its neighbours say, over the largest such step of an image without hot ones."""
+    """Excess of each pixel over its neighbours, divided by the largest such step of an image without hot pixels."""
     around = np.lib.stride_tricks.sliding_window_view(light, (_WIDE, _WIDE)).reshape(-1, _WIDE**2)
     some = around[:: max(1, len(around) // _FITTED)]
     ring = np.arange(_WIDE**2) != _WIDE**2 // 2

@@ -42,7 +42,7 @@ class Lens:
 
     @property
     def pupil_scene(self) -> Scene:
-        """The same scene as seen from afar over the pupil, by light that interferes: an object's beams one by one."""
+        """Return the scene in the far field over the pupil, with beams that interfere: an object's beams one by one."""
         light = self.scene.illumination if self.scene.illumination.coherent else self.scene.beams
         return self.scene.replace(sensor=self.grid, illumination=light)
 
@@ -57,7 +57,7 @@ class Lens:
         return self.camera.pupil.cells(self.grid.shape[0], 2 / self.grid.shape[0])
 
     def weights(self, from_face: bool = False) -> np.ndarray:
-        """What the far field is multiplied by, complex128[N, N]; ``from_face`` where its phases belong to the face."""
+        """Factor of the far field, complex128[N, N]; ``from_face`` if its phases refer to the face."""
         scene, faces = self.scene, self.scene.medium.faces
         x, y = self.grid.sines
         square, index = np.square(x) + np.square(y)[:, None], faces.inside / faces.outside

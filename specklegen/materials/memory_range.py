@@ -1,4 +1,4 @@
-"""How far the memory effect of a named material reaches, and how well the literature knows that.
+"""Memory-effect range of a named material, and its uncertainty in the literature.
 
 The range is the half range q = k sin(tilt) L of physics.md 4. A material's numbers leave it open by factors: each is
 moved to the ends of its range alone, then all are drawn together, and so is the refractive index outside.

@@ -19,7 +19,7 @@ from specklegen.scene.screens import GroundGlass
 
 
 class Checked(StrEnum):
-    """How far a number was followed back when it was written down here."""
+    """Source of a number: how far it was followed back in the literature."""
 
     SOURCE = "read in the source"
     SECOND_HAND = "read in another work that cites the source"
@@ -84,7 +84,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Optics:
-    """What light meets inside a material, per micrometre.
+    """Optical properties of a material, per micrometre.
 
     Attributes
     ----------

@@ -11,7 +11,7 @@ _DAIMON = "Water: Daimon and Masumura, Applied Optics 46, 3811 (2007)"
 
 
 def in_water(index: Callable[[float], float]) -> Callable[..., Optics]:
-    """What makes the optics of spheres of a refractive index."""
+    """Function that makes the optics of spheres of a refractive index."""
 
     def make(wavelength: float, micrometre: float, *, radius: float, volume_fraction: float) -> Optics:
         water = indices.water(wavelength)

@@ -1,1 +1,1 @@
-"""What an average over media leaves: the mean (ballistic) field; the light that is reflected and transmitted."""
+"""Averages over media: the mean (ballistic) field; reflected and transmitted light."""

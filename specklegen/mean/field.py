@@ -163,7 +163,7 @@ def _crossing(scene: Scene, cosines: np.ndarray) -> np.ndarray:
 
 
 def _walked_off(scene: Scene, direction: np.ndarray) -> np.ndarray:
-    """Where on the exit face the middle of a beam arrives, float64[3] or float64[2]."""
+    """Return the place on the exit face where the middle of a beam arrives, float64[3] or float64[2]."""
     if scene.refracts_inside:
         slope = straight_light(scene.slab, np.hypot(*direction[:2])[None]).slope[0]
         return np.append(direction[:2] * slope, scene.thickness)

@@ -51,7 +51,7 @@ class Share(NamedTuple):
 
 @dataclass(frozen=True, repr=False)
 class ReflectanceTransmittance(Pictured):
-    """Where the light goes that falls on a medium.
+    """Shares of incident light that a medium reflects, transmits and absorbs.
 
     Attributes
     ----------

@@ -81,7 +81,7 @@ def _strongest_mean(scene: Scene) -> float:
 
 
 def _volume_mean_decision(scene: Scene, tolerance: float, reverse: bool) -> Decision:
-    """The same in any geometry, judged at every view for at most eight of the lights, where that is cheap."""
+    """Judge any geometry at every view for at most eight of the lights, if that is cheap."""
     if not scene.illumination.coherent:
         return Decision(_MEAN, False, "not asked for")
 

@@ -15,7 +15,7 @@ _STEEP = 8.0  # times as many as at the levels below it
 
 
 class Range(NamedTuple):
-    """What a camera's numbers can be.
+    """Range of a camera's counts.
 
     Attributes
     ----------

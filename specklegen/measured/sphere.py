@@ -98,7 +98,7 @@ class Shares(NamedTuple):
 @takes_units
 @dataclass(frozen=True, eq=False, repr=False)
 class SphereReadings(Pictured):
-    """What an integrating sphere read of samples of one geometry.
+    """Readings of an integrating sphere for samples of one geometry.
 
     Attributes
     ----------

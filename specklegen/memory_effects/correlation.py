@@ -111,7 +111,7 @@ class MemoryEffectCorrelation:
         return 1 - value, value, error
 
     def _lost(self, q: np.ndarray) -> np.ndarray:
-        """What each bin loses of the field correlation, 1 - J0(q r), float64[..., n] at q float64[..., 1]."""
+        """Loss of the field correlation in each bin, 1 - J0(q r), float64[..., n] at q float64[..., 1]."""
         return _one_minus_bessel(q, self.radius)
 
     def implied_error(self, medium: PlaneMedium, q: np.ndarray) -> Implied:
@@ -140,7 +140,7 @@ class MemoryEffectCorrelation:
         return float("inf")
 
     def _root(self, high: float, level: float) -> float:
-        """Where K falls through a level between high / SCAN_STEP and high: inverse interpolation, and a step of Newton.
+        """Return q at which K falls to a level, between high / SCAN_STEP and high: by interpolation and a Newton step.
 
         Six nodes are off by some 1e-6, the step then by the square of that.
         """
@@ -157,7 +157,7 @@ class MemoryEffectCorrelation:
 
 
 def inverse_interpolation(x, y, level):
-    """Where a falling function is at a level, by Lagrange's polynomial of x in y, float64[..., n]: float64[...]."""
+    """Return x at which a falling function has a level, by Lagrange's polynomial of x in y float64[..., n]."""
     total = 0.0
     for i in range(x.shape[-1]):
         weight = x[..., i]

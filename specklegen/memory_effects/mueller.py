@@ -41,7 +41,7 @@ Frame = Literal["laboratory", "travelling"]
 
 @dataclass(frozen=True, repr=False)
 class MuellerMatrix(Pictured):
-    """What a slab makes of the Stokes vector (I, Q, U, V) of light along its axis, on average over the particles.
+    """Mueller matrix of a slab for light along its axis, for Stokes vectors (I, Q, U, V), averaged over the particles.
 
     Attributes
     ----------

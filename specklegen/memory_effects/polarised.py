@@ -175,7 +175,7 @@ def axial_light(
 
 
 def _terms(matrices: np.ndarray, azimuth: np.ndarray, seen: Polariser) -> np.ndarray:
-    """What of a connection belongs to J0, J2 and J4, complex128[n, n, 3, M], averaged over turns and mirrors."""
+    """Return the parts of a connection for J0, J2 and J4, complex128[n, n, 3, M], averaged over turns and mirrors."""
     (xx, xy), (yx, yy) = np.moveaxis(matrices, 0, -1)
     even, odd, c, d = (xx + yy) / 2, (yx - xy) / 2, (xx - yy) / 2, (xy + yx) / 2
     if seen.circular:  # the mean over both mirror images

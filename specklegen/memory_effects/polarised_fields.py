@@ -1,4 +1,4 @@
-"""What stationary speckle of polarised light is drawn from: connections with both components of their field.
+"""Correlation of stationary speckle of polarised light: connections with both components of their field.
 
     C_ab(q, x) = E[w f_a f_b* e^(-i q . R - 2 x Y)],    f = J e,    a, b in {x, y}
 
@@ -93,7 +93,7 @@ class PolarisedFields:
         return total / norm
 
     def _film(self, sines: np.ndarray, wavenumber: float) -> np.ndarray:
-        """The same of beams at their times: pairs of one tilt and one lag are looked at once."""
+        """Correlation of beams at their times: pairs of one tilt and one lag are computed once."""
         assert self.times is not None, "a film has times"
         assert self.motion is not None, "and a motion"
         assert self.transfer is not None, "and the momentum that paths transfer"

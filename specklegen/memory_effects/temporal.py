@@ -1,4 +1,4 @@
-"""How speckle forgets in time, where scatterers move: the field correlation g1 of one view, and g2 - 1 = |g1|^2.
+"""Correlation of speckle in time, for moving scatterers: the field correlation g1 of one view, and g2 - 1 = |g1|^2.
 
     K(q, tau) = E[u_0 u_tau*] = E[w e^(i q . R) e^(-i k tau D) e^(-2 x Y)] / E[w],    x = k^2 <Dr^2(tau)> / 6
 
@@ -275,7 +275,7 @@ def temporal_correlation(
 
 
 class _Sight(NamedTuple):
-    """How a medium is looked at: paths, scatterings of one, a pilot's seed, and what refuses too few of them."""
+    """Settings of an estimate: paths, scatterings of one, a pilot's seed, and the function that refuses too few."""
 
     aim: Aim
     tracer: Callable[[], Tracer]

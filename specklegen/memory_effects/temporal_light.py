@@ -27,7 +27,7 @@ from specklegen.scene.motion import Motion
 
 
 class Found(NamedTuple):
-    """What is found at P pairs, with its errors; the share at rest, light of each batch, and light by its classes."""
+    """Estimates at P pairs, with errors; the share at rest, light of each batch, and light by its classes."""
 
     field: np.ndarray
     intensity: np.ndarray
@@ -39,7 +39,7 @@ class Found(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """What is asked: P pairs (tilt ``angles[number]``, time x), and how to look.
+    """Request: P pairs (tilt ``angles[number]``, time x), and the settings of the estimate.
 
     Attributes
     ----------
@@ -257,7 +257,7 @@ def by_amplitudes(asked: Asked, paths: int, seed: Seed) -> Found:
 
 
 def dark(asked: Asked) -> Found:
-    """What is found where no path carries light."""
+    """Estimate for a medium of which no path carries light."""
     nan, none = np.full(len(asked.x), np.nan), np.zeros(0)
     classes = asked.classes(none, none, None, none.astype(np.int64), BATCHES)
     return Found(nan.astype(np.complex128), nan, nan, float("nan"), np.zeros(BATCHES), classes)

@@ -1,4 +1,4 @@
-"""How speckle forgets above a vessel: g1 of the light that leaves each place of a surface.
+"""Correlation of speckle in time above a vessel: g1 of the light that leaves each place of a surface.
 
     g1(d, tau) = E[w e^(-i k tau D(d)) e^(-2 x Y(d))] / E[w],
     D = sum (w_(b-1) - w_b) . V(x_b),    Y = sum m_b (1 - cos theta_b)

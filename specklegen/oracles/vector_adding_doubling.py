@@ -147,7 +147,7 @@ def _nodes(nodes: int, index: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _face(mu: np.ndarray, index: float) -> tuple[np.ndarray, np.ndarray]:
-    """What a face sends back and lets out of Stokes vectors that meet it from inside at n cosines, float64[4 n, 4 n].
+    """Reflection and transmission of a face for Stokes vectors from inside at n cosines, float64[4 n, 4 n].
 
     Born and Wolf, *Principles of Optics*, sec. 1.5, of fields along theta and phi: what is sent back is seen in the
     frame of its own direction, in which theta points the other way.
@@ -171,7 +171,7 @@ def _face(mu: np.ndarray, index: float) -> tuple[np.ndarray, np.ndarray]:
 def _between_faces(
     layer: "Layer", weight: np.ndarray, mirrored: np.ndarray, crossed: np.ndarray, beam: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same of a layer between two faces: from light on the first, at the node ``beam``, to what leaves both."""
+    """Reflection and transmission of a layer between two faces, of light on the first at the node ``beam``."""
     on, back, on_up, back_up, straight = layer
     size, part = len(weight), slice(4 * beam, 4 * beam + 4)
     # Unscattered light at the upper face, downwards, and at the lower one, upwards.

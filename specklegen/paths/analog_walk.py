@@ -62,7 +62,7 @@ class Exits(NamedTuple):
         return (self.face == face) & (self.collisions == 0)
 
     def select(self, chosen: np.ndarray) -> Self:
-        """The same of the paths bool[P]."""
+        """Return the light of the paths bool[P] alone."""
         seen = self.seen[chosen] if len(self.seen) else self.seen
         return type(self)(*(each[chosen] for each in self[:-1]), seen=seen)
 
@@ -142,7 +142,7 @@ def walked(
 
 
 class AxialLight(NamedTuple):
-    """What is seen along the axis behind layers, of each path.
+    """Light of each path along the axis behind layers.
 
     Attributes
     ----------

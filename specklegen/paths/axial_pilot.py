@@ -24,7 +24,7 @@ _FIRST_PATHS, _MOST_PATHS = 6000, 2**16
 
 @dataclass(frozen=True)
 class AxialPilot:
-    """What a pilot says of light along the axis.
+    """Estimates of a pilot for light along the axis.
 
     Attributes
     ----------

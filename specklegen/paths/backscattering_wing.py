@@ -1,4 +1,4 @@
-"""How much reversed paths add away from exact backscattering: a bound from the phase function of the scatterer.
+"""Intensity of reversed paths away from exact backscattering: a bound from the phase function of the scatterer.
 
 Far from v = -i the phase k (i + v) . (x_1 - x_B) between a path and its reverse leaves only paths whose ends lie close,
 those of two scatterings before all others. With x_1 and x_2 a distance r apart along w, sigma_s its share per length,

@@ -1,4 +1,4 @@
-"""How path sums are shared out: chunks of paths that threads trace and sum side by side.
+"""Distribution of path sums: chunks of paths that threads trace and sum in parallel.
 
 Chunks are fixed by the plan, and what they add is joined in their order, so that a sum does not depend on threads.
 A chunk stays on one thread: steps that threads do together wait for the slowest. A thread without a chunk helps others.

@@ -1,4 +1,4 @@
-"""What the motion of scatterers does to the phases of connections, frame after frame of a film.
+"""Phases that the motion of scatterers adds to connections, for each frame of a film.
 
     k (i - w_1) . Dr_1 + k (w_(B-1) - v) . Dr_B + G,    B = 1: k (i - v) . Dr_1
 
@@ -46,7 +46,7 @@ class Moved(NamedTuple):
     between: np.ndarray
 
     def backwards(self) -> "Moved":
-        """The same of the paths walked backwards."""
+        """Return the displacements of the reversed paths."""
         return Moved(self.last, self.first, self.between)
 
     def select(self, chosen: np.ndarray) -> "Moved":

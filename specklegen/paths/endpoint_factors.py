@@ -69,7 +69,7 @@ def _along_legs(
     layout: Layout, ways: Ways, bank: PathBank, endpoints: Endpoints, end: End, threads: Threads,
     turns: np.ndarray | None,
 ) -> np.ndarray:  # fmt: skip
-    """The same through layers that refract, along the legs of the connections."""
+    """Factors through layers that refract, along the legs of the connections."""
     column, sign, side = _COLUMNS[end]
     lateral = np.ascontiguousarray((endpoints.turns if turns is None else turns)[:, :2])
     numbers = np.ascontiguousarray(bank.bounces[:, side])
@@ -125,7 +125,7 @@ def single_factors(layout: Layout, bank: PathBank) -> np.ndarray:
 
 
 def _single_along_legs(layout: Layout, ways: Ways, bank: PathBank) -> np.ndarray:
-    """The same through layers that refract: of each pair of legs, light and view have directions of their own."""
+    """Factors through layers that refract: for each pair of legs, light and view have their own directions."""
     lights = ways.lights.towards(layout.lights.vectors, lights=True).rows
     views = ways.views.towards(layout.views.vectors, lights=False).rows
     out = np.empty((len(lights), len(views), len(bank)), np.complex128)
@@ -200,7 +200,7 @@ def _polarised(layout: Layout, bank: PathBank, phases: np.ndarray, threads: Thre
 
 
 def _by_light(layout: Layout, bank: PathBank, bidirectional: bool, reverse: bool, threads: Threads) -> np.ndarray:
-    """The same where lights keep their angles to phase functions: of each by the ends that it sees."""
+    """Factors of lights that keep their angles to phase functions: for each by its own ends."""
 
     def amplitudes(some: PathBank) -> np.ndarray:
         out = np.empty((len(layout.lights), len(layout.views), len(some)), np.complex128)

@@ -1,4 +1,4 @@
-"""What the ends of a path are connected to: lights on one side, views on the other.
+"""Partners of the ends of a path: lights on one side, views on the other.
 
 Both are seen from the medium: a far endpoint is a direction away from it, so a plane wave travelling along i is
 the endpoint -i, and by reciprocity one function evaluates either end. Phases of directions are relative to a reference

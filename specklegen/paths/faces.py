@@ -1,4 +1,4 @@
-"""What a connection gains and loses where its legs cross or meet the faces of a slab.
+"""Factors of a connection whose legs cross or meet the faces of a slab.
 
     |A_i|^2 -> |A_i|^2 <(1 - R(i)) R(i)^m>,     |B_v|^2 -> |B_v|^2 <(1 - R(v)) R(v)^m'>
 

@@ -39,7 +39,7 @@ _ALONG, _AROUND = 512, 96  # nodes of the angle to the lobe, by its logarithm, a
 
 
 class LobeLoss(NamedTuple):
-    """What endpoint factors make of a tilt beside the phase function.
+    """Error of endpoint factors for a tilt that is not small beside the phase function.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ def steepest(medium: PlaneMedium, tilts: np.ndarray) -> float:
 
 
 def lobe_loss(medium: PlaneMedium, wavelength: float, tilt: float) -> LobeLoss:
-    """What endpoint factors lose between two lights a ``tilt`` (radians) apart."""
+    """Loss of endpoint factors between two lights a ``tilt`` (radians) apart."""
     scatterer, apart = medium.scatterer, float(f"{abs(tilt):.9g}")
     loss = 1 - cached_result(float, ("overlap of phase functions", scatterer, apart), lambda: overlap(scatterer,
                                                                                                       apart)) ** 4

@@ -18,7 +18,7 @@ _LEAST_LIT = 0.01
 
 
 def drifted(scene: Scene) -> np.ndarray | None:
-    """How far a medium that moves as one has come at each beam of a film, float64[T, 3]; None of any other medium."""
+    """Displacement of a medium in uniform motion at each beam of a film, float64[T, 3]; None for other media."""
     drift = drift_of(volume_of(scene.volume, scene.dimension)) if scene.film and scene.volume.flows else None
     return None if drift is None else (scene.beams.times - scene.beams.times[0])[:,
                                                                                  None] * drift  # type: ignore[operator]
@@ -55,7 +55,7 @@ def sideways(volume: Volume) -> bool:
 
 
 def lit_elsewhere(scene: Scene, bank: PathBank) -> list[Decision]:
-    """What films by path sums lose where the window comes to light other particles, for their paths stay under it."""
+    """Error of films by path sums when other particles enter the illuminated area: their paths stay under it."""
     if not (scene.film and scene.volume.flows and len(bank)):
         return []
     velocity = velocity_at(volume_of(scene.volume, scene.dimension), bank.entry)

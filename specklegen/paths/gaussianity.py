@@ -81,7 +81,7 @@ class PathMoments:
         return cls(float(seen.var()), float(np.square(weights / mean).sum() / count), float(effective_count(seen - 1)))
 
     def stated(self) -> "PathMoments":
-        """The same, one standard error of the variance higher where fewer than ``ENOUGH`` paths carry it.
+        """Return the excess, one standard error of the variance higher if fewer than ``ENOUGH`` paths carry it.
 
         Most samples have too few of rare paths, so that half of all variances would be understated, and by more than
         others are overstated.

@@ -33,7 +33,7 @@ _STRAIGHT = 1e-12
 
 
 class Ends(NamedTuple):
-    """What the ends of connections do to polarisation: the particles by type, the model of them, and the faces."""
+    """Polarisation at the ends of connections: the particles by type, their model, and the faces."""
 
     scatterers: tuple[Scatterer, ...]
     polarisation: Polarisation
@@ -77,7 +77,7 @@ def _end_table(scatterer: Scatterer) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def ends_of(medium: PlaneMedium) -> Ends | None:
-    """What the ends of connections between two planes do; None where light is a scalar."""
+    """Return the polarisation at the ends of connections between two planes; None for scalar light."""
     if medium.polarisation == "scalar":
         return None
     types = tuple(each for material in medium.scatterers for each, _ in material.components)
@@ -85,7 +85,7 @@ def ends_of(medium: PlaneMedium) -> Ends | None:
 
 
 def require_ends(medium: PlaneMedium) -> Ends:
-    """The same of a medium in which light is polarised."""
+    """Return it for a medium of polarised light."""
     ends = ends_of(medium)
     assert ends is not None, "it was asked for polarised light"
     return ends
@@ -203,7 +203,7 @@ class Analysed(NamedTuple):
         return np.stack([row[:, 0] * seen[0] + row[:, 1] * seen[1] for row in np.moveaxis(bank.jones, 1, 0)])
 
     def passing(self, bank: PathBank, views: np.ndarray) -> np.ndarray:
-        """What the analyser passes of either of these components, complex128[2, V, M]."""
+        """Transmission of the analyser for both components, complex128[2, V, M]."""
         last, each = bank.exit_direction, bank.bounces[:, 1]
         across, aside = self.ends.parts(views @ last.T, bank.types[:, 1])
         aside = None if aside is None else aside * self._along(self.analyser, views, last, each).conj()

@@ -21,7 +21,7 @@ from specklegen.scene.scene import Scene
 
 @dataclass(frozen=True)
 class Layout:
-    """What the ends of connections need to know of a scene.
+    """Data of a scene for the ends of connections.
 
     Attributes
     ----------

@@ -162,7 +162,7 @@ class LegsOf:
         return out
 
     def lateral_ways(self, direction: np.ndarray, numbers: np.ndarray, depths: np.ndarray) -> np.ndarray:
-        """How far to one side a direction float64[3] leads along legs int[M] from depths float64[M], over its sine."""
+        """Sideways distance of a direction float64[3] along legs int[M] from depths float64[M], over its sine."""
         legs, order = self._found
         optic = _Optic(self._known, self.medium.faces.inside, np.hypot(*direction[:2])[None])
         faces = np.array([self._known.edges[legs[n].layer + (0 if legs[n].down else 1)] for n in order])
@@ -170,7 +170,7 @@ class LegsOf:
         return aside[numbers] + slope[numbers] * np.abs(depths - faces[numbers])
 
     def farthest_apart(self, directions: np.ndarray, reference: np.ndarray) -> float:
-        """How far lights float64[T, 3] drift from a reference float64[3] along any leg, at most, along x or y."""
+        """Largest drift of lights float64[T, 3] from a reference float64[3] along any leg, along x or y."""
         thick = np.diff(self._known.edges)[self.layers]
         far = np.argsort(np.square(directions[:, :2] - reference[:2]).sum(axis=1))[-_MOST_LIGHTS:]
         rows = self.towards(-np.concatenate([reference[None], directions[far]]), lights=True).rows

@@ -1,4 +1,4 @@
-"""What a lens sees of the light behind a slab: how far it reaches in focus, and how many paths make a pixel.
+"""Light behind a slab as a lens images it: its extent in focus, and the number of paths of a pixel.
 
 Pilot paths say both. A connection reaches as far from where it entered as it comes sideways inside, and on from its
 last particle along the steepest ray that the lens takes to the plane in focus: the plane is lit over X, the window and
@@ -76,7 +76,7 @@ def lens_of(scene: Scene) -> Lens:
 
 @remembered(64)
 def lit_plane(scene: Scene) -> LitPlane:
-    """How the plane in focus is lit, at the worst of a few lights, by pilot paths."""
+    """Illumination of the plane in focus, for the worst of a few lights, by pilot paths."""
     camera: Imaging = scene.sensor  # type: ignore[assignment]
     lens = Lens(scene, camera, camera.pupil_grid(3))
     pilot = scene_pilot(lens.pupil_scene.at_rest, False)
@@ -110,7 +110,7 @@ def lit_plane(scene: Scene) -> LitPlane:
 
 
 def steep_way(scene: Scene, light: np.ndarray) -> float:
-    """How far the unscattered light of a beam lies from its window on the plane in focus."""
+    """Distance of the unscattered light of a beam from its window on the plane in focus."""
     if scene.side < 0:
         return 0.0
     inside, outside = tangents(scene, float(np.hypot(*light[:2])))

@@ -55,7 +55,7 @@ def doppler_shift(layout: Layout, bank: PathBank) -> np.ndarray:
 
 
 def interior_doppler(layout: Layout, bank: PathBank) -> np.ndarray:
-    """What the particles between the first and the last add to D, float64[M]."""
+    """Contribution to D of the particles between the first and the last, float64[M]."""
     drift = drift_of(layout.volume)
     return bank.doppler if drift is None else (bank.entry_direction - bank.exit_direction) @ drift
 

@@ -36,7 +36,7 @@ _Powers = list[tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class PilotNumbers:
-    """What the paths of a pilot say, in numbers and words: kept between processes.
+    """Estimates of a pilot's paths, in numbers and words, cached between processes.
 
     Attributes
     ----------
@@ -109,13 +109,13 @@ class FirstPaths:
         return self.tracer.trace(self.seed, count, first=first, stream=Stream.PILOT, threads=1)
 
     def powers(self, bank: PathBank) -> _Powers:
-        """What connections send from a few lights to a few views."""
+        """Light of connections from a few lights to a few views."""
         return _powers(self.tracer, self.reverse, bank)
 
 
 @dataclass(frozen=True)
 class Pilot(PilotNumbers):
-    """What a pilot says of a scene, and the tracer of its paths.
+    """Estimates of a pilot for a scene, and the tracer of its paths.
 
     Attributes
     ----------
@@ -151,7 +151,7 @@ def scene_pilot(scene: Scene, reverse: bool) -> Pilot:
 
 
 def volume_pilot(scene: Scene, reverse: bool) -> Pilot:
-    """The same by the walk of any geometry."""
+    """Trace the pilot by the walk of any geometry."""
     return pilot_by_walk(scene, reverse, True)
 
 
@@ -168,7 +168,7 @@ def pilot_by_walk(scene: Scene, reverse: bool, any_geometry: bool) -> Pilot:
 
 
 def _numbers(scene: Scene, first: FirstPaths) -> PilotNumbers:
-    """What the first paths say, and as many more as it takes."""
+    """Return the estimates of the first paths, and of as many more as are needed."""
     bank, powers = first.judged()
     vars(first)["bank"] = bank  # as if it had been asked for: powers, which are larger, are not held
     count = bank.count

@@ -1,4 +1,4 @@
-"""What a pixel of an image is made of: far fewer paths than a view in the far field, and other ones.
+"""Paths that make a pixel of an image: far fewer than those of a view in the far field, and other ones.
 
 A connection throws the light p that it sends through the pupil on a patch of the plane in focus, along rays s to
 

@@ -14,7 +14,7 @@ from specklegen.scene.media import Medium, PlaneMedium
 
 @dataclass(frozen=True)
 class Proposal:
-    """How paths are drawn; any choice is right, a good one is fast.
+    """Proposal of paths; any choice is right, a good one is fast.
 
     Attributes
     ----------

@@ -38,7 +38,7 @@ _UNKNOWABLE = 0.1
 
 
 class Implied(NamedTuple):
-    """What a phase function implies of estimates K = E[w p]/E[w].
+    """Consequences of a phase function for estimates K = E[w p]/E[w].
 
     Attributes
     ----------

@@ -53,7 +53,7 @@ def events_per_path(medium: Medium) -> float:
 
 
 def events_across(medium: PlaneMedium) -> float:
-    """The same of paths that are drawn across a slab: nearly all cross it."""
+    """Tracer of paths that are drawn across a slab: nearly all cross it."""
     return 1 + events_per_depth(medium) * medium.optical_depth
 
 

@@ -1,4 +1,4 @@
-"""Where the paths of a scene start: from its lights, from sensor points near the medium, or from anywhere in it."""
+"""Starts of the paths of a scene: from its lights, from sensor points near the medium, or from anywhere in it."""
 
 import math
 

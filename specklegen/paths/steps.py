@@ -72,7 +72,7 @@ def without_steps(medium: PlaneMedium) -> Layers:
 
 
 class Straight(NamedTuple):
-    """What straight light meets on its way through layers.
+    """Optics of straight light through layers.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How walks are drawn towards the far face of an absorbing slab that few would cross by themselves.
+"""Importance sampling of walks towards the far face of an absorbing slab that few would cross.
 
 Deep in a slab of albedo a light falls as e^(-nu sigma_t z), and what a photon of direction w at the depth z adds behind
 the slab grows as e^(nu sigma_t z) h(w_z), h the slowest mode of the adjoint transfer equation:
@@ -99,7 +99,7 @@ def _decay_across(medium: PlaneMedium) -> float:
 
 
 def crossing_variance(nu: float, depth: float) -> float:
-    """The same where light has to cross an optical depth, through what lets it fall as e^(-nu depth).
+    """Stretching for light that crosses an optical depth, in a medium where it falls as e^(-nu depth).
 
     Paths that absorb by a coin and start exponentially deep are as many at the optical depth t as the light there. A
     connection from there is worth e^(-(depth - t)). The contribution w of a path then has
@@ -136,7 +136,7 @@ def unstretched(medium: Slab) -> Stretch:
 
 @remembered(32)
 def stretch_along(medium: Slab, cosine: float) -> Stretch:
-    """How to draw paths towards the far face of a slab, light entering at an angle of this cosine to the axis."""
+    """Stretching towards the far face of a slab, for light at an angle of this cosine to the axis."""
     lobe, aim = (_moments(each) for each in walk_lobes(medium.scatterer))
     albedo = _walked_albedo(medium.albedo, lobe)
     mode = _mode(albedo, lobe)

@@ -137,7 +137,7 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
 
 
 def _filming(tracer: Any, scene: Scene) -> Any:
-    """The same paths with their momentum transfer, for all frames of a film."""
+    """Trace the paths with their momentum transfer, for all frames of a film."""
     if tracer.layout.ways is not None:
         reject(
             f"{scene.slab.type}.motion", "left out if paths are aimed through layers that refract", scene.slab.motions,
@@ -147,7 +147,7 @@ def _filming(tracer: Any, scene: Scene) -> Any:
 
 
 def transferring(tracer: Any) -> Any:
-    """The same paths with what motion needs of them: their momentum transfer and Doppler shifts."""
+    """Trace the paths with their momentum transfer and Doppler shifts, for motion."""
     if isinstance(tracer, SlabTracer):
         return replace(tracer, proposal=replace(tracer.proposal, transfer=True))
     return replace(tracer, transfer=True)

@@ -64,7 +64,7 @@ def cheapest(scene: Scene, request: Request) -> tuple[Sampler, list[Decision], O
 def _or_covariance(
     scene: Scene, request: Request, pilot: Pilot, best: Sampler, said: list[Decision], others: Others
 ) -> tuple[Sampler, list[Decision], Others]:
-    """The same, or the covariance where that is clearly quicker."""
+    """Return this sampler, or the covariance if that is clearly faster."""
     count, paths = request.realizations, request.paths_by(pilot.moments, within_image=True)
     bound = _CLEARLY * best.cost().seconds(count)
     if unasked_obstacle(scene, request) or Cost(least_of_covariance(scene, pilot, paths)).seconds(1) > bound:
@@ -112,7 +112,7 @@ def _lost(told: list[Decision]) -> float:
 
 
 def _left_out(said: Decision, name: str) -> Decision:
-    """What was said for a sampler that would serve, and is left out for its time."""
+    """Decision about a suitable sampler that is left out for its time."""
     if not said.needed:
         return said
     return replace(said, needed=False, doubt=False, reason=f"{said.reason}; but {name} take less time")

@@ -94,7 +94,7 @@ class Plan(Pictured):
 
     @property
     def summation(self) -> str:
-        """How its fields come about: "nufft" or "direct", "eigenvectors", or "FFT or matrix products"."""
+        """Method of its fields: "nufft" or "direct", "eigenvectors", or "FFT or matrix products"."""
         return self.chosen.summation
 
     @property
@@ -114,7 +114,7 @@ class Plan(Pictured):
 
     @property
     def image_error(self) -> float:
-        """The same between views of one image, up to sqrt 2 times as large by path sums; ``rel_error`` bounds it."""
+        """Error between views of one image, up to sqrt 2 times as large by path sums; ``rel_error`` bounds it."""
         if self.pixel is not None:
             return (self.pixel.image_variance / self.paths) ** 0.5
         return getattr(self.chosen, "image_error", self.expected_error)
@@ -126,7 +126,7 @@ class Plan(Pictured):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What was asked for although its rule is against it."""
+        """Requests that were met although the rule of a part is against them."""
         return tuple(f"{d.part}: {d.reason}" for d in self.decisions if d.doubt)
 
     def explain(self) -> str:

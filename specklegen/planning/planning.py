@@ -52,7 +52,7 @@ STATIONARY_TOLERANCE = 0.02
 
 
 def _simple_terms(scene: Scene) -> list[Decision]:
-    """What beams through a slab of one kind of particle need not be asked for."""
+    """Parts that are zero for beams through a slab of one kind of particle."""
     if scene.thin is not None or scene.lock_step_obstacle or len(scene.slab.scatterer.components) > 1:
         return []
     reason = "zero for far-field views, a homogeneous slab and one kind of particle"
@@ -60,7 +60,7 @@ def _simple_terms(scene: Scene) -> list[Decision]:
 
 
 def _motion(scene: Scene) -> list[Decision]:
-    """What the particles of a medium do meanwhile, where they have a motion."""
+    """Decisions on the motion of the particles of a medium."""
     if scene.thin is not None or not scene.medium.moves:
         return []
     if not scene.film:

@@ -1,4 +1,4 @@
-"""What a sampler is to those who choose among them and run one.
+"""Interface of a sampler for planning and rendering.
 
 Every sampler is a room of its own: it says whether it may serve a scene and why not (its rule), what it would cost, and
 how it draws. The planner asks each, folds the decisions, and obeys the cheapest that may; nothing else knows which
@@ -242,7 +242,7 @@ class MediaRequest:
 
 @dataclass(frozen=True)
 class Abilities:
-    """What a sampler can do, whatever the scene.
+    """Abilities of a sampler, independent of the scene.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""What is simulated: frozen, validated values that know no compiler."""
+"""Scenes: frozen, validated values that know no compiler."""

@@ -59,7 +59,7 @@ def directions_of_sines(field: str, sines: ArrayLike, sign: float = 1.0) -> np.n
 
 
 class Light(Value):
-    """What every illumination answers, so that nobody has to ask for its type."""
+    """Interface of every illumination, so that no code asks for its type."""
 
     limited: ClassVar[bool] = True
     """Whether beams pass a window; otherwise light is unlimited sideways."""

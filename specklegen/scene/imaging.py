@@ -28,7 +28,7 @@ _FINE = 8  # points along each side of a cell that an edge of the pupil cuts
 
 
 class Pupil(Value):
-    """What a lens lets through, over its aperture: a disc, by default. All that is given multiplies.
+    """Pupil of a lens over its aperture: a disc by default. All given factors multiply.
 
     Parameters
     ----------

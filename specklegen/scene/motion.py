@@ -1,4 +1,4 @@
-"""How the particles of a medium move: laws of their mean square displacement, and flows that carry them along.
+"""Motion of the particles of a medium: laws of their mean square displacement, and flows that carry them along.
 
 Independent particles that are displaced at random by Dr between two times turn the phase of a path by the sum of q_b .
 Dr_b over its scatterings, q_b = k (w_b - w_(b-1)), and leave of its amplitude, on average,
@@ -94,7 +94,7 @@ class Motion(Registered):
         return any(part.any() for part in self.affine(self.dimension or 3))
 
     def speed_beside(self, other: "Motion") -> float:
-        """How many times faster <Dr^2> grows than by another law of the same medium.
+        """Ratio of the growth of <Dr^2> to that by another law of the same medium.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""How the particles of a medium treat the polarisation of light."""
+"""Polarisation of light at the particles of a medium."""
 
 from typing import Annotated, Any, Literal, Self
 
@@ -83,7 +83,7 @@ class Polarisers(Value):
 
     @property
     def straight(self) -> complex:
-        """What the analyser passes of light that keeps its polarisation, as amplitude."""
+        """Amplitude that the analyser passes of light that keeps its polarisation."""
         light, analyser = self.fields
         return complex(np.vdot(analyser, light))
 

@@ -127,7 +127,7 @@ def _draw_sensor(axes: "Axes", scene: "Scene") -> None:
 
 
 def _placed(scene: "Scene", points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where points (x, ..., z) lie in the sketch, those far away at its rim."""
+    """Return the places of points (x, ..., z) in the sketch, those far away at its rim."""
     medium = scene.volume
     if not medium.has_sides:
         along = points[:, -1] / (medium.thickness or 1.0)

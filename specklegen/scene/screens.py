@@ -31,7 +31,7 @@ _FWHM = 2 * math.sqrt(2 * math.log(2))  # of a Gaussian, over its standard devia
 
 
 class _Thin(Value):
-    """What every thin medium answers as a volume of scatterers does."""
+    """Interface that every thin medium shares with a volume of scatterers."""
 
     has_sides: ClassVar[bool] = False
     homogeneous: ClassVar[bool] = True
@@ -109,7 +109,7 @@ class PhaseScreen(_Thin):
 
 
 class Ground(NamedTuple):
-    """What a grit is taken to leave on glass: rms height in micrometres, full width of the scattered light in sines."""
+    """Assumed surface of a grit: rms height in micrometres, full width of the scattered light in sines."""
 
     rms_height: float
     angle: float
@@ -255,7 +255,7 @@ class ScreenStack(_Thin):
 
     @with_units
     def moved(self, times: Annotated[np.ndarray, TIME]) -> np.ndarray:
-        """How far each screen has moved at times float64[T], float64[T, M, 2]."""
+        """Displacement of each screen at times float64[T], float64[T, M, 2]."""
         velocities = np.zeros((len(self.screens), 2)) if self.velocities is None else np.array(self.velocities)
         return np.asarray(times, np.float64)[:, None, None] * velocities
 

@@ -1,4 +1,4 @@
-"""What the physics itself assumes of a scene, and where that is doubtful."""
+"""Assumptions of the physics about a scene, and doubts about them."""
 
 import math
 from typing import cast
@@ -85,7 +85,7 @@ def implausible_in(scene: Scene) -> list[str]:
 def idealisations(
     scene: Scene, *, refractive_index: float | None = None, band: bool = False, halves: int = 1
 ) -> list[Decision]:
-    """What a real set-up has and a scene leaves out, by the parts "faces", "polarisation", "bandwidth" and "aperture".
+    """Parts of a real setup that a scene leaves out: "faces", "polarisation", "bandwidth" and "aperture".
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ IDEALISED = ("faces", "polarisation", "bandwidth", "iris")
 
 
 def validity_decisions(scene: Scene) -> list[Decision]:
-    """What the physics itself assumes of a scene, where it is doubtful."""
+    """Doubtful assumptions of the physics about a scene."""
     decisions = []
     wavelength = scene.wavelength
     width = scene.beams.width if scene.illumination.limited else np.inf

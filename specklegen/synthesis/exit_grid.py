@@ -51,7 +51,7 @@ class Axis:
         return (np.arange(self.count) - (self.count - 1) / 2) * self.size
 
     def wider(self, reach: float) -> "Axis":
-        """The same cells, so many more that a window may lie ``reach`` off on either side."""
+        """Return the cells with a margin, so that a window may lie ``reach`` off on either side."""
         return replace(self, count=self.count + 2 * int(np.ceil(reach / self.size)))
 
 

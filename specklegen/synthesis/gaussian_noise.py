@@ -54,7 +54,7 @@ def philox(key: torch.Tensor, block: torch.Tensor, sample: int = 0) -> list[torc
 
 
 def torch_normals(key: tuple[int, int], sample: int, count: int, device: torch.device | str) -> torch.Tensor:
-    """What :func:`specklegen.kernels.rng.fill_normals` draws, as float64[count, 2] on any device."""
+    """Draw the numbers of :func:`specklegen.kernels.rng.fill_normals`, as float64[count, 2] on any device."""
     block = torch.arange((count + 1) // 2, dtype=torch.int64, device=device)
     u = [word.to(torch.float64) * 2.0**-32 + 2.0**-33
          for word in philox(torch.tensor(key, device=device), block, sample)]  # fmt: skip

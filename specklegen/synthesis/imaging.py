@@ -135,7 +135,7 @@ class Imaging:
         return {name: value for name, value in own.items() if isinstance(value, torch.Tensor)}
 
     def of(self, tensors: dict[str, torch.Tensor]) -> "Imaging":
-        """The same of other media; see :meth:`tensors`."""
+        """Replace the media; see :meth:`tensors`."""
         return replace(self, **tensors) if tensors else self
 
     @property
@@ -490,7 +490,7 @@ class ImagedMedia:
         return held
 
     def shared(self) -> Self:
-        """The same, made ready for many objects: spectra instead of fields."""
+        """Prepare for many objects: spectra instead of fields."""
         assert self.drawn is not None
         return type(self)(self.imaging, None, self.imaging.spectra(self.drawn))
 
@@ -609,7 +609,7 @@ def _ranks(modes: Modes) -> list[int]:
 
 
 def _seen(sight: Sight, precise: bool) -> dict[str, torch.Tensor]:
-    """What of an :class:`Imaging` does not depend on modes: windows, and transforms of objects and cameras."""
+    """Part of an :class:`Imaging` that does not depend on modes: windows, and transforms of objects and cameras."""
     (rows, columns), cells = sight.most_cells, sight.cells
     if sight.profile == "disc":
         envelope = disc_power(sight.width, *cells, rows, columns).sqrt()

@@ -173,7 +173,7 @@ def folded(count: int, degree: int) -> torch.Tensor:
 
 @lru_cache(maxsize=64)
 def places(shape: tuple[int, int], degree: int) -> torch.Tensor:
-    """Where A[i, j] lies in the product (row degrees) x (column degrees), flat: int64[N, N]."""
+    """Return the place of A[i, j] in the product (row degrees) x (column degrees), flat: int64[N, N]."""
     rows, columns = graded(shape, degree).T
     m, n = (min(count, degree + 1) for count in shape)
     flat = (rows[:, None] * m + rows) * n * n + columns[:, None] * n + columns
@@ -182,7 +182,7 @@ def places(shape: tuple[int, int], degree: int) -> torch.Tensor:
 
 @lru_cache(maxsize=64)
 def places_of_tilts(shape: tuple[int, int, int], degree: int) -> torch.Tensor:
-    """The same of tilts, rows and columns, in (tilt degrees) x (row degrees) x (column degrees)."""
+    """Return places of tilts, rows and columns in (tilt degrees) x (row degrees) x (column degrees)."""
     over, down, across = torch.from_numpy(graded(shape, degree).T)
     t, m, n = (min(count, degree + 1) for count in shape)
     return ((over[:, None] * t + over) * m * m + down[:, None] * m + down) * n * n + across[:, None] * n + across

@@ -39,7 +39,7 @@ def object_sight(
     wavelength: float, shape: tuple[int, int], pitch: float, width: float, profile: Profile, grid: FarFieldGrid, *,
     base: ArrayLike = ((0.0, 0.0),), pixel_integration: bool = False,
 ) -> Sight:  # fmt: skip
-    """How an object of (h, w) pixels is seen by a camera through one medium; see :func:`object_imaging`."""
+    """Imaging of an object of (h, w) pixels by a camera through one medium; see :func:`object_imaging`."""
     return Sight(wavelength=wavelength, profile=profile, shape=shape, camera=grid.shape, center=grid.center,
                  integrated=pixel_integration, width=_host(width), object_pitch=_host(pitch),
                  camera_pitch=_host(grid.pitch), base=_host(np.atleast_2d(np.asarray(base, np.float64))))  # fmt: skip

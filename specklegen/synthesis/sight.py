@@ -1,4 +1,4 @@
-"""How objects are seen through a batch of media: windows, beams, cameras, and the cells of the exit plane behind them.
+"""Geometry of imaging through a batch of media: windows, beams, cameras, and cells of the exit plane behind them.
 
 Everything that decides a shape or a phase is float64.
 """
@@ -86,7 +86,7 @@ class Sight:
 
     @property
     def device(self) -> torch.device:
-        """Where the numbers lie."""
+        """Device of the numbers."""
         return self.width.device
 
     @property
@@ -107,7 +107,7 @@ class Sight:
         return self.at(slice(0, 1)) if alike else self
 
     def on(self, device: torch.device | str) -> Sight:
-        """The same on another device."""
+        """Return a copy on another device."""
         rows = {name: value.to(device) for name, value in vars(self).items() if isinstance(value, torch.Tensor)}
         return replace(self, **rows)
 

@@ -38,7 +38,7 @@ class Weighed(Protocol):
 
     @property
     def paths(self) -> int:
-        """What to divide their sum by for the intensity per unit area."""
+        """Divisor of their sum that gives the intensity per unit area."""
         ...
 
 

@@ -66,7 +66,7 @@ class SurfaceFilm:
 
     @cached_property
     def pupil(self) -> np.ndarray:
-        """What the objective passes of each spatial frequency, float64[H', W']: a disc, of mean square 1."""
+        """Transmission of the objective for each spatial frequency, float64[H', W']: a disc, of mean square 1."""
         down, across = (np.fft.fftfreq(side) for side in self.kind.shape)
         passed = np.hypot(down[:, None], across) < 0.5 / self.pixels_per_grain
         return passed / np.sqrt(passed.mean())
@@ -78,7 +78,7 @@ class SurfaceFilm:
 
     @cached_property
     def area(self) -> np.ndarray:
-        """What a pixel keeps of each spatial frequency of the intensity, float64[H', W']."""
+        """Transfer function of a pixel for the intensity, float64[H', W']."""
         down, across = (np.sinc(np.fft.fftfreq(side)) for side in self.kind.shape)
         return down[:, None] * across
 

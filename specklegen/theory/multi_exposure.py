@@ -26,7 +26,7 @@ _BLOCK, _STEPS = 1024, 60
 
 
 class MultiExposureFit(NamedTuple):
-    """What the multi-exposure model reads off contrasts.
+    """Result of a fit of the multi-exposure model to contrasts.
 
     Attributes
     ----------

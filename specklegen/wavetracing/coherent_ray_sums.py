@@ -40,7 +40,7 @@ _BLOCK = 16  # points
 
 
 class PathSearch:
-    """What a search for paths needs: the graph of a scene, a source, and the limits; arguments of `coherent_rays`."""
+    """Data of a search for paths: the graph of a scene, a source, and the limits; arguments of `coherent_rays`."""
 
     def __init__(self, name, geometry, source, reflections, diffractions, surfaces, floor_db):
         instance(f"{name} geometry", geometry, Geometry)

@@ -53,7 +53,7 @@ def _near(segments: np.ndarray, reach: float, tree: Tree) -> tuple[np.ndarray, .
 
 
 def _inside(corners: np.ndarray, normal: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """How far vectors float64[N, 3, 3], one from each corner, lead into triangles across their sides; float64[N, 3]."""
+    """Depth to which vectors float64[N, 3, 3], one from each corner, enter triangles across a side; float64[N, 3]."""
     side = np.roll(corners, -1, axis=1) - corners
     size = np.maximum(np.linalg.norm(side, axis=2), 1e-300)
     return (np.cross(normal[:, None], side) * vectors).sum(axis=2) / size

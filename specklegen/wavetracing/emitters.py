@@ -18,7 +18,7 @@ def _across(wavelength: float, size: float) -> float:
 
 
 def _packed(emitter: "Emitter", kind: int, lower: np.ndarray, upper: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """What kernels know of an emitter, float64[SOURCE]."""
+    """Numbers of an emitter for kernels, float64[SOURCE]."""
     return np.concatenate([[kind], lower, upper, direction, [emitter.beam_radius, emitter.tangent]])
 
 

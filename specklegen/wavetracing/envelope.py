@@ -19,7 +19,7 @@ from specklegen.wavetracing.opening import Rim
 
 @dataclass(frozen=True)
 class Envelope:
-    """Where and how draws are proposed.
+    """Proposal density of draws.
 
     Attributes
     ----------

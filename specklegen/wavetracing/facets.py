@@ -175,5 +175,5 @@ def openings_of(facets: Facets, table: EdgeTable, emitter: Emitter) -> Openings:
 
 
 def _starts(groups: np.ndarray, count: int) -> np.ndarray:
-    """Where each of ``count`` groups begins, of members sorted by group; int64[count + 1]."""
+    """Return the start of each of ``count`` groups, of members sorted by group; int64[count + 1]."""
     return np.concatenate([[0], np.cumsum(np.bincount(groups, minlength=count))]).astype(np.int64)

@@ -26,7 +26,7 @@ PARALLEL = 1e-9
 
 @dataclass(frozen=True)
 class Facing:
-    """What arrives at an edge from the one opposite.
+    """Waves that arrive at an edge from the opposite one.
 
     Attributes
     ----------

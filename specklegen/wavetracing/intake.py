@@ -28,7 +28,7 @@ MOST_SIDES = 50_000
 
 @dataclass(frozen=True)
 class Intake:
-    """What was done to the faces of a scene before it was laid out.
+    """Changes to the faces of a scene before its layout.
 
     Attributes
     ----------

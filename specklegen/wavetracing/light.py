@@ -18,7 +18,7 @@ from specklegen.wavetracing.plane import Plane
 
 
 class Light(Protocol):
-    """What openings are lit by: anything with a wavelength and a field.
+    """Light on openings: anything with a wavelength and a field.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a surface does with the light that meets it.
+"""Response of a surface to incident light.
 
 Field reflection of a half space of relative permittivity eta, with time e^{-i omega t}, c = cos(theta) and
 q = sqrt(eta - sin(theta)^2), Im q >= 0:

@@ -11,7 +11,7 @@ from specklegen.core.display.plot import Pictured, draw_map, written
 
 @dataclass(frozen=True)
 class Ledger:
-    """How beams ended: every beam once.
+    """Ends of beams: every beam once.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Ledger:
 
 @dataclass(frozen=True)
 class Statistics:
-    """What beams met, in counts.
+    """Counts of the events of beams.
 
     Attributes
     ----------

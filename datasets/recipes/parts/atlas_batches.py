@@ -53,7 +53,7 @@ def _stencil(x: torch.Tensor, nodes: torch.Tensor) -> tuple[torch.Tensor, torch.
 def stencils(
     depth: torch.Tensor, drop: torch.Tensor, albedo: torch.Tensor, axes: list[torch.Tensor]
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Where slabs float64[B] are in a table: whether inside, their cells, 64 nodes int64[B, 64] and their weights."""
+    """Places of slabs float64[B] in a table: whether inside, their cells, 64 nodes int64[B, 64] and their weights."""
     order = depth * (1 + 0.5 * depth * drop)
     coordinates = [torch.log(depth), torch.log(drop), torch.sqrt(1 - torch.log(albedo) * order) - 1]
     inside = torch.ones_like(depth, dtype=torch.bool)

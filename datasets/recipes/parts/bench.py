@@ -1,4 +1,4 @@
-"""What differs from setup to setup and is known to nobody: the table ``[bench]`` of a recipe with hidden objects.
+"""Unknown differences between setups: the table ``[bench]`` of a recipe with hidden objects.
 
 A network that is trained on one camera, one aperture and one focus learns these too. Here each is drawn anew (Tobin et
 al., IROS 2017: domain randomisation), for every sample, aperture and polarisation for every medium:
@@ -48,7 +48,7 @@ _PLACES = ("drift_angle", "gradient_angle", "camera")
 
 
 class Bench(Value):
-    """What differs from setup to setup; every number a constant, a range or a choice.
+    """Differences between setups; every number is a constant, a range or a choice.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ class Bench(Value):
 
     @staticmethod
     def found(parameters: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-        """What :meth:`told` told."""
+        """Names of the numbers that :meth:`told` returns."""
         return {name.removeprefix("bench_"): value for name, value in parameters.items() if name.startswith("bench_")}
 
     def told(self, found: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:

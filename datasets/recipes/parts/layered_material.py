@@ -84,7 +84,7 @@ class LayerDraws(Value):
 
     @property
     def draws(self) -> dict[str, Any]:
-        """What is drawn for the layer, by name; of particles by "scatterer_" and theirs."""
+        """Numbers drawn for the layer, by name; those of particles by "scatterer_" and their names."""
         particles = self.scatterer or {}
         own = {name: getattr(self, name) for name in (*_NUMBERS, "g", "index") if is_draw(getattr(self, name))}
         return own | {f"scatterer_{name}": particles[name] for name in drawn_numbers(particles)}

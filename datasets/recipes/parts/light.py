@@ -79,7 +79,7 @@ MEDIUM_PURPOSES = (Purpose.MEDIUM, Purpose.POLARISATION)
 
 @dataclass(frozen=True)
 class Lit:
-    """What samples shine through their media.
+    """Light of samples.
 
     Attributes
     ----------

@@ -169,7 +169,7 @@ class Material(Value):
         return HenyeyGreenstein(g=g) if self.scatterer is None else drawn_scatterer(self.scatterer, rng)
 
     def source(self, name: str, split: Split) -> Draw:
-        """What a parameter is drawn from in a split."""
+        """Return the distribution of a parameter in a split."""
         own = self.by_split is not None and self.by_split.parameter == name
         draw = getattr(self.by_split, split) if own else getattr(self, name)
         return 0.0 if draw is None else draw

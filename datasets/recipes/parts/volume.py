@@ -38,7 +38,7 @@ class Outline(Value):
         return self
 
     def medium(self, slab: Slab, width: float, contrast: float, rng: np.random.Generator) -> Box | VoxelGrid:
-        """What is cut out of a slab; densities of voxels are drawn from ``rng``."""
+        """Cut a volume out of a slab; densities of voxels are drawn from ``rng``."""
         side = np.array([width / 2, width / 2])
         corners: dict[str, Any] = {"lower": np.append(-side, 0.0), "upper": np.append(side, slab.thickness)}
         if self.voxels is None:

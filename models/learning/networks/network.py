@@ -77,6 +77,6 @@ NETWORKS: Registry[type[Network]] = Registry("network", _is_network)
 
 
 def network_content(name: str) -> dict[str, str]:
-    """What a run and a model state of a network of a user's own beside its name: the digest of its source."""
+    """Return the facts that a run and a model record of a user's network beside its name: the digest of its source."""
     network = NETWORKS[name]
     return {"network_sha256": content_digest(network)} if is_own(network) else {}

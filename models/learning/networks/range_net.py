@@ -1,4 +1,4 @@
-"""How wide an object is, in memory-effect ranges of a slab that nobody knows: a dense net that reads it off the lags.
+"""Width of an object in memory-effect ranges of an unknown slab, by a dense net from the lags.
 
 It answers with probabilities of the extent, in steps of equal ratio. Trained where all of them are equally likely, its
 probabilities are likelihoods with the object integrated out, over what objects look like (Cranmer, Brehmer and Louppe,

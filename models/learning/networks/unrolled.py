@@ -37,7 +37,7 @@ _DARK = 0.005
 
 
 class Seen(NamedTuple):
-    """What the network looks at, of B objects on a frame of n x n pixels.
+    """Input of the network, of B objects on a frame of n x n pixels.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class Unrolled(nn.Module):
         return self.refined(self.candidates(seen, deviance), deviance)
 
     def candidates(self, seen: Seen, deviance: Deviance) -> "Candidates":
-        """What the stages begin with; no gradient goes through it."""
+        """Return the start of the stages; no gradient goes through it."""
         with torch.no_grad():
             start = self.started(seen)
             answers = seen.answers / seen.answers.amax((-2, -1), keepdim=True).clamp_min(1e-6)
@@ -156,7 +156,7 @@ class Unrolled(nn.Module):
             )
 
     def started(self, seen: Seen) -> Tensor:
-        """What the dense net makes of lags, and of lags in a mirror, float[B, n, n]: their mean in logits."""
+        """Mean in logits of the dense net's images of lags and of mirrored lags, float[B, n, n]."""
         mirrored = seen._replace(lags=torch.roll(seen.lags.flip(-2), 1, -2))
         one, other = self.dense(seen).sigmoid(), self.dense(mirrored).flip(-2).sigmoid()
         both = torch.stack([one, align(other, one)]).clamp(_DARK, 1 - _DARK)
@@ -180,7 +180,7 @@ class Unrolled(nn.Module):
 
 
 class Candidates(NamedTuple):
-    """What the stages begin with, of B objects.
+    """Start of the stages, of B objects.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""What results, signatures and names from elsewhere look like: in a line, in a picture, in a file."""
+"""Display of results, signatures and names from elsewhere: in a line, in a picture, in a file."""

@@ -1,4 +1,4 @@
-"""What help(), editors and the tab key show of a value: its own fields with their rules, not the machinery below.
+"""Signatures for help(), editors and the tab key: a value's fields with their rules, without the machinery below.
 
 pydantic's signature spells every validator out (``Annotated[ndarray, BeforeValidator(...)]``), and its classes list a
 hundred names of their own. A class made by :class:`Legible` shows ``Slab(*, thickness: float >= 0, ...)``, and
@@ -51,7 +51,7 @@ def positional(model: type[BaseModel]) -> list[str]:
 
 
 def signature(model: type[BaseModel]) -> inspect.Signature:
-    """How a value is made: fields by position first, then by name, each with its type and rule in words."""
+    """Signature of a value: fields by position first, then by name, each with its type and rule in words."""
     first = positional(model)
     fields = sorted(model.__pydantic_fields__.items(), key=lambda item: item[0] not in first)
     return inspect.Signature([_parameter(name, field, name in first) for name, field in fields if name != "type"])

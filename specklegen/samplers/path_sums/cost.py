@@ -23,7 +23,7 @@ _SEARCH = 70 * 2**20  # what looking for cheap tiles takes, in vain
 
 @dataclass(frozen=True)
 class Work:
-    """What there is to do for path sums.
+    """Work of path sums.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Work:
 
     @property
     def polarisation(self) -> Polarisation:
-        """What the medium does to polarised light."""
+        """Effect of the medium on polarised light."""
         return "scalar" if self.scene.polarisers is None else self.scene.slab.polarisation
 
     @property

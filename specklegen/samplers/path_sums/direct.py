@@ -126,7 +126,7 @@ def is_plain_slab(layout: Layout) -> bool:
 
 
 def _add_fused(layout: Layout, bank: PathBank, factors: np.ndarray, field: np.ndarray, threads: Threads) -> None:
-    """The same in one pass for a plain slab: factors of the views are found and summed at once, never held."""
+    """Sum in one pass for a plain slab: factors of the views are computed and summed at once, never kept."""
     if len(bank) == 0 or field.size == 0:
         return
     if not layout.faces.matched and bank.bounces.any():
@@ -138,7 +138,7 @@ def _add_fused(layout: Layout, bank: PathBank, factors: np.ndarray, field: np.nd
 
 
 def _add_like(layout: Layout, bank: PathBank, factors: np.ndarray, field: np.ndarray, threads: Threads) -> None:
-    """The same for connections of equal numbers of reflections."""
+    """Sum connections of equal numbers of reflections."""
     single = bool(bank.orders[0] == 1)
     total = np.zeros(field.shape[::-1], np.complex128)
     strengths = np.ascontiguousarray(light_strengths(layout, bank, factors, threads).T)

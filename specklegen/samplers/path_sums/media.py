@@ -85,7 +85,7 @@ class PathMedia:
         return 1
 
     def shared(self) -> "PathMedia":
-        """The same: what many objects share is kept when the first looks through."""
+        """Prepare the part that many objects share, which is cached at the first of them."""
         return self
 
     def images(self, light: torch.Tensor) -> torch.Tensor:
@@ -192,6 +192,6 @@ def _superposed(media: PathMedia, seed: Seed, amplitudes: np.ndarray) -> np.ndar
 
 
 def _starts(span: slice, n: int) -> np.ndarray:
-    """Where, within a span of views, a camera pixel of ``n`` views begins; its first may be cut."""
+    """Return where, within a span of views, a camera pixel of ``n`` views begins; its first may be cut."""
     inner = np.arange(-(-span.start // n) * n, span.stop, n) - span.start
     return inner if len(inner) and inner[0] == 0 else np.concatenate([[0], inner])

@@ -334,7 +334,7 @@ def _tile_field(layout: Layout, lights: list[_Light], tile: Tile, summation: Nuf
 
 
 def _transform(load: _Load, ranks: slice, tilts: slice, summation: NufftPlan) -> np.ndarray:
-    """What the connections add to some terms of the field of some tilts, complex[tilts, h, w]."""
+    """Contribution of the connections to some terms of the field of some tilts, complex[tilts, h, w]."""
     dtype, shape, tolerance = np.dtype(summation.dtype), summation.tiling.shape, 0.3 * summation.tolerance
     strengths = load.light.strengths[tilts]
     # Kernel and upsampling are those that finufft 2.5 chooses by itself: another choice differs by the tolerance.

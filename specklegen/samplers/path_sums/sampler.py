@@ -122,7 +122,7 @@ class PathSums(MediaSampler, name="paths"):
 
     @property
     def image_error(self) -> float:
-        """The same between views of one image, whose connections of one path share their entrance."""
+        """Error between views of one image, whose connections of one path share their entrance."""
         return float(np.sqrt(self.pilot.moments.image_variance / self.paths))
 
     @property
@@ -213,7 +213,7 @@ class PathRenderer:
         return bank, path_phases(tracer, bank, self.seed, realization, self.sampler.reverse, threads)
 
     def _field(self, realization: int, n: int, threads: Threads) -> tuple[np.ndarray, PathBank]:
-        """What a chunk of paths adds to the field, and its connections."""
+        """Contribution of a chunk of paths to the field, and its connections."""
         bank, phases = self._traced(realization, n, threads)
         layout, nufft = self.sampler.tracer.layout, self.sampler.nufft
         if self.sampler.scene.film:
@@ -274,7 +274,7 @@ class PathRenderer:
                 yield (tilts, tile.rows, tile.columns), field.astype(np.complex64)
 
     def _piece(self, bank: Bank, tile: Tile, tilts: slice, realization: int, n: int, threads: Threads) -> np.ndarray:
-        """What chunk ``n`` of the paths adds to the field of some tilts on one tile."""
+        """Contribution of chunk ``n`` of the paths to the field of some tilts on one tile."""
         some, phases = bank(n, threads)
         sampler = self.sampler
         layout = sampler.tracer.layout.of_lights(tilts)
@@ -289,7 +289,7 @@ class PathRenderer:
 
 
 def _kept(bank: Bank) -> Bank:
-    """The same, which remembers every chunk."""
+    """Sampler that caches every chunk."""
     chunks = {}
 
     def kept(n: int, threads: Threads) -> tuple[PathBank, Phases]:

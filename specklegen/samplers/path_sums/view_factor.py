@@ -96,7 +96,7 @@ def factor_values(layout: Layout, bank: PathBank, tile: Tile, steps: np.ndarray)
 def _refracted_values(
     layout: Layout, bank: PathBank, views: np.ndarray, steps: np.ndarray, middle: np.ndarray
 ) -> np.ndarray:
-    """The same of layers that refract: all that the grid's own phases leave of the sensor's end."""
+    """View factor of layers that refract: the sensor's end without the phases of the grid."""
     values = endpoint_factors(layout, bank, layout.views.at(views), "exit")
     exits, slope = seen_exits(layout, bank, middle)[:, EXIT : EXIT + 3], middle[:2] / middle[2]
     turns = (steps / layout.wavelength) @ (exits[:, :2] - exits[:, 2:] * slope).T
@@ -271,7 +271,7 @@ def _least_rank(
 
 @dataclass(frozen=True)
 class _HeldOut:
-    """What ranks are judged by: ``values`` of F of the connections of all ``judges``, one a tile, at the ``spots``."""
+    """Data to judge ranks by: ``values`` of F of the connections of all ``judges``, one a tile, at the ``spots``."""
 
     values: Callable[[Tile, PathBank, np.ndarray, np.ndarray], np.ndarray]
     judges: list[tuple[Tile, PathBank, np.ndarray]]

@@ -90,12 +90,12 @@ def screen_correlation(stack: ScreenStack, wavelength: float) -> ScreenCorrelati
 
 
 def drifts(stack: ScreenStack, wavelength: float, moved: np.ndarray) -> np.ndarray:
-    """How far screens that have moved float64[T, M, 2] carry the pattern, float64[T, 2]: the mean over deflections."""
+    """Shift of the pattern by screens that have moved float64[T, M, 2], float64[T, 2]: the mean over deflections."""
     return np.einsum("m,tmc->tc", lobes(stack, wavelength).walk_shares, moved)
 
 
 class Envelope(NamedTuple):
-    """What multiplies F of every tilt at every view, and the conjugate of its mirror image; over the root of f(0).
+    """Factors of F of every tilt at every view, and of the conjugate of its mirror image; over the root of f(0).
 
     Attributes
     ----------

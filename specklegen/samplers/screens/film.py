@@ -21,7 +21,7 @@ from specklegen.theory.phase_screens import lobes, tilt_ways
 
 
 class Film(NamedTuple):
-    """What K between frames is like.
+    """Properties of K between frames.
 
     Attributes
     ----------

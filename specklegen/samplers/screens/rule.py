@@ -57,7 +57,7 @@ _REMEDIES = {
 
 
 def errors(scene: Scene) -> dict[str, float]:
-    """What is off, in intensity correlations, by its name."""
+    """Errors of intensity correlations, by name."""
     stack = scene.thin
     assert stack is not None
     terms = lobes(stack, scene.wavelength)
@@ -105,7 +105,7 @@ def _memory_error(scene: Scene, stack: ScreenStack, terms: Lobes) -> float:
 
 
 def _moves(scene: Scene, stack: ScreenStack) -> list[np.ndarray]:
-    """Where every screen has moved between the first beam and the last, float64[M, 2], if it has."""
+    """Displacement of every screen between the first beam and the last, float64[M, 2], if it moves."""
     times = scene.beams.times
     return [] if times is None or not len(times) else [stack.moved(np.array([np.ptp(times)]))[0]]
 

@@ -74,13 +74,13 @@ class Screens(MediaSampler, name="screens"):
 
     @cached_property
     def moved(self) -> np.ndarray | None:
-        """How far each screen has moved at each beam, float64[T, M, 2]; None where all stand still."""
+        """Displacement of each screen at each beam, float64[T, M, 2]; None if all are at rest."""
         times = self.scene.beams.times
         return None if times is None else self.stack.moved(times)
 
     @cached_property
     def drift(self) -> np.ndarray | None:
-        """How far the pattern has moved at each beam, float64[T, 2], about the middle of the film."""
+        """Shift of the pattern at each beam, float64[T, 2], about the middle of the film."""
         if self.moved is None:
             return None
         shifts = drifts(self.stack, self.scene.wavelength, self.moved)

@@ -55,7 +55,7 @@ def refracting_decision(scene: Scene, request: Request, obstacle: str | None) ->
 
 
 def _beyond_axis(scene: Scene) -> str | None:
-    """What of a scene is too far from the axis; None where nothing is."""
+    """Part of a scene that is too far from the axis, or None."""
     if scene.side < 0:
         return "supports only layers that refract"
     sines = np.concatenate([np.zeros((1, 2)), scene.beams.directions[:, :2]])

@@ -1,4 +1,4 @@
-"""What the stationary sampler draws with: the memory effect of a medium, transforms, and then one seed after the other.
+"""Renderer of the stationary sampler: the memory effect of a medium, transforms, and then one seed after the other.
 
 All seeds of a scene share everything but their noise, so that is found once and kept (:data:`PREPARED`).
 """
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Prepared:
-    """What all seeds of a scene share, each part found when it is asked for first.
+    """Data that all seeds of a scene share; each part is computed at its first use.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class Prepared:
 
     @cached_property
     def imaging(self) -> "Imaging":
-        """What images an incoherent object."""
+        """Imaging of an incoherent object."""
         import torch
 
         from specklegen.memory_effects.correlation import MemoryEffectCorrelation
@@ -172,12 +172,12 @@ class Prepared:
 
     @property
     def drift(self) -> np.ndarray | None:
-        """How far along its faces a medium that moves as one has come at each beam, float64[T, 2]; None of others."""
+        """Displacement along the faces of a medium in uniform motion at each beam, float64[T, 2]; None for others."""
         return None if self.moved is None else self.moved[:, :2]
 
     @cached_property
     def moved(self) -> np.ndarray | None:
-        """How far a medium that moves as one has come at each beam, float64[T, 3]; None of others."""
+        """Displacement of a medium in uniform motion at each beam, float64[T, 3]; None for others."""
         return drifted(self.scene)
 
     def turned(self, tilts: slice) -> np.ndarray:

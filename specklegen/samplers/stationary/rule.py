@@ -34,7 +34,7 @@ _MOST_TURN = 0.1  # radians, of which a correlation keeps .995
 
 
 class Model(NamedTuple):
-    """What the stationary sampler draws with.
+    """Data with which the stationary sampler draws.
 
     Attributes
     ----------

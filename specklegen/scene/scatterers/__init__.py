@@ -1,4 +1,4 @@
-"""How the particles of a medium redistribute light, one family a file; importing the package makes them known."""
+"""Phase functions of the particles of a medium, one family a file; importing the package registers them."""
 
 from specklegen.scene.scatterers.henyey_greenstein import HenyeyGreenstein
 from specklegen.scene.scatterers.isotropic import Isotropic

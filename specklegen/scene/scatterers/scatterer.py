@@ -1,4 +1,4 @@
-"""What every scatterer is: a phase function with an amplitude, and the row of numbers that the kernels read of it.
+"""Interface of a scatterer: a phase function with an amplitude, and the row of numbers that the kernels read.
 
 A particle has an amplitude s(cos theta), complex in general, with the integral of |s|^2 over all directions
 (4 pi, or 2 pi in flatland) equal to 1; its phase function is |s|^2. A family of particles is one class, and a family of
@@ -192,7 +192,7 @@ class _WithAnisotropy(Scatterer):
 
 @lru_cache(32)
 def _memo(kind: type[Scatterer], fields: str, code: str) -> dict[str, Any]:  # noqa: ARG001
-    """What is known of scatterers of one class with these numbers and this code, to be filled in."""
+    """Cached facts of scatterers of one class with these numbers and this code, to be filled in."""
     return {}
 
 

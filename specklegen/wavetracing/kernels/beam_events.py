@@ -32,7 +32,7 @@ class Light(NamedTuple):
 
 
 class Event(NamedTuple):
-    """What happens: at an opening (or a facet), in the plane of a facet (-1: across the beam), in uniform light or not.
+    """Event: at an opening (or a facet), in the plane of a facet (-1: across the beam), in uniform light or not.
 
     ``opening`` is that of uniform light, -1: the facet itself; what lies between ``low`` and ``high`` stands in the way
     of the beam's own field, but for the facet ``beyond``, and so do all of the first ``marks`` sheets marked.
@@ -109,7 +109,7 @@ def _turned(one, two, angle):
 
 @kernel
 def footprint(state, half, normal, point):
-    """Where a beam meets a plane: (middle, two axes, half-widths along them), of the plane's own ellipse.
+    """Section of a beam with a plane: (middle, two axes, half-widths along them), of the plane's own ellipse.
 
     half   : half-width of the beam across, along x of its frame
     normal : of the plane, not across the beam;  point : of the plane

@@ -1,4 +1,4 @@
-"""Where beams begin: a point of the source, the beam about it, and one ray of the beam's Wigner ensemble.
+"""Starts of beams: a point of the source, the beam about it, and one ray of the beam's Wigner ensemble.
 
 The ray of a collimated source starts evenly over its rectangle, and the beam's centre lies about the *ray*: that is the
 ensemble of evenly spread centres, seen from the rays that start in the rectangle. Offsets beyond three deviations are

@@ -49,7 +49,7 @@ _ONE = np.uint64(1)
 
 
 class Rules(NamedTuple):
-    """How beams are walked: the mode, 0 (auto), 1 (uniform) or 2 (gaussian) light in regions, events of a beam."""
+    """Settings of the walk: the mode, 0 (auto), 1 (uniform) or 2 (gaussian) light in regions, events of a beam."""
 
     mode: int
     amplitude: int
@@ -57,7 +57,7 @@ class Rules(NamedTuple):
 
 
 class Tally(NamedTuple):
-    """What a walk adds to.
+    """Arrays to which a walk adds.
 
     Attributes
     ----------

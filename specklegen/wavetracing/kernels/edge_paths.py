@@ -96,7 +96,7 @@ class Rules(NamedTuple):
 
 
 class Views(NamedTuple):
-    """Where a point and its images lie about the edges that they may light.
+    """Positions of a point and its images about the edges that they may light.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ def _height(planes, m, p):
 
 @inlined
 def _image(a, p, point):
-    """What mirrors, float64[3, 4], make of a point (1) or a direction (0)."""
+    """Apply mirrors, float64[3, 4], to a point (1) or a direction (0)."""
     return (
         a[0, 0] * p[0] + a[0, 1] * p[1] + a[0, 2] * p[2] + point * a[0, 3],
         a[1, 0] * p[0] + a[1, 1] * p[1] + a[1, 2] * p[2] + point * a[1, 3],
@@ -421,7 +421,7 @@ def _most(edge, inner, outer, root):
 
 @kernel
 def _unfolded(edge, other, w0, u, v, view, image):
-    """Where the shortest way past two edges turns at them: (t, t'), by unfolding at one, then the other, and Newton.
+    """Turning points (t, t') of the shortest path past two edges, by unfolding at one, then the other, and Newton.
 
     w0, u, v : from the start of the first edge, as the mirrors show it, to that of the second, and their directions
     view, image : (angle, distance, coordinate) of the ends about the edges

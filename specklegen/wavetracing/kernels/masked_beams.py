@@ -67,7 +67,7 @@ def fourier(values):
 
 @inlined
 def _along_side(y, ax, ay, slope, least, most):
-    """Where a side is at y: within its ends, also where it is so flat that its slope is none."""
+    """Return the place of a side at y: within its ends, also if it is so flat that it has no slope."""
     x = ax + (y - ay) * slope
     return (x if x <= most else most) if x >= least else least
 

@@ -22,7 +22,7 @@ class Receivers(NamedTuple):
 
 @inlined
 def crossing(px, py, pz, dx, dy, dz, reach, planes, r):
-    """Where a ray crosses receiver r within ``reach``: its pixel, -1 for none, the distance, and 1 / |cos|."""
+    """Crossing of a ray with receiver r within ``reach``: its pixel, -1 for none, the distance, and 1 / |cos|."""
     along = dx * planes[r, 9] + dy * planes[r, 10] + dz * planes[r, 11]
     x, y, z = planes[r, 0] - px, planes[r, 1] - py, planes[r, 2] - pz
     t = (x * planes[r, 9] + y * planes[r, 10] + z * planes[r, 11]) / along

@@ -1,4 +1,4 @@
-"""What a beam passes on its way: holes that its ray goes through, and outer edges within its cone.
+"""Record of a beam's way: holes that its ray goes through, and outer edges within its cone.
 
 A *hole* is a loop of edges in a plane facet. The ray that goes through it meets the hole once, where it crosses the
 plane, at any angle and any distance from its source. Holes nearer to each other than the light is coherent are one
@@ -195,7 +195,7 @@ def hole_in(state, f, facets, openings):
 
 @inlined
 def _nearest_point(edge, x, y, z, dx, dy, dz):
-    """Where along an edge a ray passes nearest to it; a direction of length 0: nearest to its point."""
+    """Place along an edge nearest to a ray; for a direction of length 0, nearest to its point."""
     ed = edge[3] * dx + edge[4] * dy + edge[5] * dz
     ux, uy, uz = x - edge[0], y - edge[1], z - edge[2]
     ud, ue = ux * dx + uy * dy + uz * dz, ux * edge[3] + uy * edge[4] + uz * edge[5]
@@ -216,7 +216,7 @@ def beside(state, x, y, z, qx, qy, qz):
 
 @inlined
 def _step_past(state, hit, ahead, e, table, facets, memory, kept):
-    """Where a beam's ray passes an edge: (distance, facet whose plane it crosses there or -1); inf for not at all."""
+    """Passage of a beam's ray by an edge: (distance, facet whose plane it crosses there or -1); inf for not at all."""
     normals, edges = facets.normals, table.edges
     f, g = table.facets[e, 0], table.facets[e, 1]
     one, two = facets.sheet[f], facets.sheet[g]

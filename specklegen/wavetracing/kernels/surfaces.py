@@ -1,4 +1,4 @@
-"""What happens to a ray on a surface: material rows, reflection probabilities, directions.
+"""Interaction of a ray with a surface: material rows, reflection probabilities, directions.
 
 A row of materials is float64[4]: kind, Re and Im of the permittivity (the albedo of a diffuse surface in place of Re),
 thickness in wavelengths; see `specklegen.wavetracing.materials` for the equations. Power is unpolarised.
