@@ -67,13 +67,15 @@ def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
     lights = instance("mean_field scene", scene, Scene).illumination
     if not lights.coherent:
         reject("mean_field scene.illumination", "CollimatedBeams, PlaneWaves or PointSources", lights.type)
-    if scene.illumination.focused:
-        beams = mean_field(scene.replace(illumination=scene.beams), most_nodes=most_nodes)
-        return np.tensordot(scene.illumination.amplitudes(scene.wavelength), beams,
-                            axes=1)  # type: ignore[attr-defined]
     if scene.sensor.focused:
         lens = lens_of(scene)
         return lens.image(mean_field(lens.pupil_scene, most_nodes=most_nodes))
+    even = not (scene.medium.has_sides or scene.medium.refracts)
+    if lights.gridded and even and scene.sensor.regular_grid is not None:
+        return _object(scene.at_rest) * np.ones((len(lights.vectors), 1, 1))  # the same at all times of a film
+    if lights.focused:
+        beams = mean_field(scene.replace(illumination=scene.beams), most_nodes=most_nodes)
+        return np.tensordot(lights.amplitudes(scene.wavelength), beams, axes=1)  # type: ignore[attr-defined]
     counts = len(scene.lights), math.prod(scene.sensor.shape)
     require_memory("mean_field scene", "of a field that is held", 32.0 * math.prod(counts) + _VIEW_BYTES * counts[1],
                    f"{counts[0]} lights, {counts[1]} views", "Use fewer views at a time.", share=0.9)  # fmt: skip
@@ -123,6 +125,23 @@ def _layer(scene: Scene, beams: CollimatedBeams) -> np.ndarray:
         scale = obliquity * attenuation / wavelength ** (difference.shape[-1] / 2 - 0.5)
         tilt[...] = np.where(views[:, -1] > 0, scale * crossed * pattern * np.exp(2j * np.pi * turns), 0)
     return field
+
+
+def _object(scene: Scene) -> np.ndarray:
+    """complex128[T, H, W] of coherent objects: what is left of their waves, through the window on the entrance face.
+
+    The far field does not feel how far waves walk: no window walks with them, by rays, as in :func:`_layer`.
+    """
+    beams, (x, y), wavelength = scene.beams, scene.grid.sines, scene.wavelength
+    if scene.grid.sign < 0:
+        return np.zeros((len(scene.illumination.vectors), len(y), len(x)), complex)
+    along, across = (
+        beams.width * np.sinc((sines[:, None] - views) * beams.width / wavelength)
+        for sines, views in zip(beams.directions.T, (x, y), strict=False)
+    )
+    left = np.sqrt(beams.directions[:, 2]) * np.exp(-0.5 * _depths(scene)) / wavelength
+    left = left if scene.polarisers is None else left * scene.polarisers.straight
+    return across.T @ ((scene.illumination.amplitudes(wavelength) * left)[:, :, None] * along)  # type: ignore[attr-defined]
 
 
 def _depths(scene: Scene) -> np.ndarray:

@@ -198,6 +198,25 @@ def test_thin_media_are_planned_by_the_screens_sampler(medium):
     np.testing.assert_allclose(with_mean.field - without.field, sg.statistics.mean_field(seen), rtol=1e-3, atol=1e-3)
 
 
+@pytest.mark.parametrize("side", ["transmission", "reflection"])
+@pytest.mark.parametrize(("medium", "polarisers"), [
+    (sg.GroundGlass(angle=0.1), None), (BROWNIAN, None),
+    (BROWNIAN.replace(polarisation="projector"), sg.light.Polarisers.parallel()),
+])  # fmt: skip
+def test_the_mean_field_is_the_sum_of_that_of_the_plane_waves(medium, polarisers, side):
+    """Of one screen exactly; behind a slab windows walk there with each wave, by rays."""
+    if medium.stack is not None and side == "reflection":
+        return
+    light = CoherentObject(LETTER, 20.0, times=None if medium.stack is not None else [0.0, 1e-3])
+    camera = sg.sensors.FarField.grid((12, 12), 0.4 / light.side(1.0), side=side)
+    seen = sg.Scene(wavelength=1.0, medium=medium, illumination=light, sensor=camera, polarisers=polarisers)
+    found, beams = sg.statistics.mean_field(seen), sg.statistics.mean_field(seen.replace(illumination=seen.beams))
+    expected = np.tensordot(light.amplitudes(1.0), beams, axes=1)
+    assert found.shape == expected.shape
+    assert np.abs(found - expected).max() <= (1e-12 if medium.stack is not None else 0.02) * np.abs(expected).max()
+    assert side == "reflection" or np.abs(found - expected.conj()).max() > 0.1 * np.abs(expected).max()
+
+
 @pytest.mark.parametrize(("message", "change"), [
     (r"CoherentObject\.field must be .*finite", {"field": np.full((4, 4), np.nan)}),
     (r"CoherentObject\.field must be an array", {"field": np.ones(4)}),
