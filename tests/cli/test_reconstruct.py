@@ -116,7 +116,7 @@ def test_pages_of_other_patterns_need_the_option(setup, tmp_path):
 
 
 @pytest.mark.parametrize(("words", "message"), [
-    (["one.tiff", "small.npy", "--setup", "setup.toml"], "of one size"),
+    (["one.tiff", "small.npy", "--setup", "setup.toml"], "images of one size"),
     (["setup.toml", "--setup", "setup.toml"], "a file that ends in"),
     (["missing.png", "--setup", "setup.toml"], "an existing file"),
     (["bright.tif", "--setup", "setup.toml"], "must be brighter than the black level"),

@@ -75,9 +75,9 @@ def test_the_working_folder_is_looked_into(write, monkeypatch):
     assert imported("field", "registry_here:own") is len
 
 
-@pytest.mark.parametrize(("path", "rule"), [("registry_none:own", "of a module that can be imported"),
-                                            ("{}/registry_none:own", "of a module in"),
-                                            ("{}/registry_broken:own", "of a module that can be imported"),
+@pytest.mark.parametrize(("path", "rule"), [("registry_none:own", "the path of a module that can be imported"),
+                                            ("{}/registry_none:own", "the path of a module in"),
+                                            ("{}/registry_broken:own", "the path of a module that can be imported"),
                                             ("{}/registry_shapes:other", "a name that registry_shapes defines"),
                                             ("{}/registry_shapes:number", "the import path of a thing")])  # fmt: skip
 def test_a_path_that_leads_nowhere_is_refused(write, path, rule):

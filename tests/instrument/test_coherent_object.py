@@ -221,7 +221,7 @@ def test_the_mean_field_is_the_sum_of_that_of_the_plane_waves(medium, polarisers
     (r"CoherentObject\.field must be .*finite", {"field": np.full((4, 4), np.nan)}),
     (r"CoherentObject\.field must be an array", {"field": np.ones(4)}),
     (r"CoherentObject\.width must be at least the side of the object", {"width": 50.0}),
-    (r"CoherentObject\.waist must be so large", {"field": np.ones((6, 8)), "waist": 20.0}),
+    (r"CoherentObject\.waist must be large enough", {"field": np.ones((6, 8)), "waist": 20.0}),
     (r"CoherentObject\.pitch must be at least half a wavelength", {"pitch": 0.4}),
     (r"CoherentObject\.focus must be at least", {"focus": 100.0}),
     (r"CoherentObject\.focus must be other than 0", {"focus": 0.0}),

@@ -119,7 +119,7 @@ def test_light_sent_back():
     (lambda: transmitted_field(0.1, 0.0), "transport_depths must be finite and above 0"),
     (lambda: inferred_depths(1.0, 0.1), "field must be between 0 and 1"),
     (lambda: inferred_depths(0.5, 0.0), "x must be finite and above 0"),
-    (lambda: inferred_depths(0.9, 1e3), "field must be one of a slab of 1 to 1e"),
+    (lambda: inferred_depths(0.9, 1e3), "field must be that of a slab of 1 to 1e"),
 ])  # fmt: skip
 def test_bad_input_is_named(ask, words):
     assert_refused(ask, words)

@@ -525,7 +525,7 @@ def test_bars_fit_their_frame_exactly():
 
 @pytest.mark.parametrize(("make", "message"), [
     (lambda: Glyphs(size=(0.9, 0.4)), r"Glyphs\.size must be given as \(smallest, largest\)"),
-    (lambda: Glyphs(test="5", validation="6"), r"Glyphs\.disjoint must be \"character\" where"),
+    (lambda: Glyphs(test="5", validation="6"), r"Glyphs\.disjoint must be \"character\" if"),
     (lambda: Glyphs(disjoint="character", test="5"), r"Glyphs\.validation must be different characters of 0123"),
     (lambda: Glyphs(disjoint="character", test="5I", validation="6"), r"Glyphs\.test must be different char"),
     (lambda: Families(families=()), r"Families\.families must be at least one family"),

@@ -90,7 +90,7 @@ def test_a_row_of_heirs_has_an_end(setup):
         write(setup / f"{n}.toml", f'inherits = "{parent}"\n')
     assert recipe_table(setup / "0.toml")["kind"] == "hidden-object"
     write(setup / "first.toml", 'inherits = "0.toml"\n')
-    assert_refused(lambda: recipe_table(setup / "first.toml"), f"a row of at most {LONGEST_CHAIN} recipes")
+    assert_refused(lambda: recipe_table(setup / "first.toml"), f"a chain of at most {LONGEST_CHAIN} recipes")
 
 
 @pytest.mark.parametrize(("changes", "says"), [

@@ -217,7 +217,7 @@ def test_answers_are_a_file(found, tmp_path):
     ({"samples": 1}, "at least 2 and at most 112; got 1"),
     ({"samples": 113}, "at most 112; got 113"),
     ({"samples": SAMPLES + 1, "tasks": ["thin"]}, f"at most {SAMPLES}; got {SAMPLES + 1}"),
-    ({"functions": {}, "baselines": ["multiframe"], "tasks": ["thin"]}, "one that serves the task 'thin'"),
+    ({"functions": {}, "baselines": ["multiframe"], "tasks": ["thin"]}, "at least one that serves the task 'thin'"),
     ({"functions": {}}, "at least one function, or a baseline"),
 ])  # fmt: skip
 def test_what_cannot_be_run_is_refused(wrong, said):

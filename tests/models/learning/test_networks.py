@@ -155,4 +155,4 @@ def test_inputs_of_batches():
     alone = inputs.network_input({**batch, "image": frames["frames"][:, 1]}, "autocorrelation")
     torch.testing.assert_close(stack[:, 1], alone)
     assert_refused(lambda: inputs.network_input(batch, "fourier"), "input must be one of camera")
-    assert_refused(lambda: inputs.network_input({"parameters": drawn}, "camera"), "batch must be one with")
+    assert_refused(lambda: inputs.network_input({"parameters": drawn}, "camera"), "batch must be a batch with")
