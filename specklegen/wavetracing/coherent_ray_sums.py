@@ -10,7 +10,8 @@ in the plane of ray and edge spreads behind it as A = sqrt(r / (s (r + s))); at 
 
 Surfaces are perfect, or of their material: reflection by Fresnel's coefficients, TE for "soft" and TM for "hard", and
 the images' parts of D multiplied by those of the faces, as `lossy_wedge_field` has it. Black and diffuse surfaces have
-no images; nothing goes through walls. Left out: corners.
+no images; nothing goes through walls. Smooth convex bodies reflect as curved surfaces, and light creeps around them
+(`specklegen.wavetracing.kernels.creeping`). Left out: corners.
 
 Sources: J. B. Keller, J. Opt. Soc. Am. 52, 116 (1962); R. G. Kouyoumjian, P. H. Pathak, Proc. IEEE 62, 1448 (1974);
 S. Steinberg, M. Pharr, *Wave Tracing*, section on bilinear path tracing.
@@ -131,7 +132,7 @@ def coherent_rays(
     reflections
         Most reflections on a path, at most 4.
     diffractions
-        Most edges on a path: 0, 1 or 2.
+        Most edges on a path: 0, 1 or 2. Light creeps around smooth bodies from 1 on.
     polarisation
         "soft": u = 0 on perfect surfaces, TE on others; "hard": du/dn = 0, TM.
     surfaces

@@ -11,6 +11,7 @@ from specklegen.wavetracing.facets import facets_of
 from specklegen.wavetracing.geometry import Geometry
 from specklegen.wavetracing.kernels.edge_paths import MIRRORS, Graph, edge_legs
 from specklegen.wavetracing.materials import ABSORBER, CONDUCTOR, DIFFUSE
+from specklegen.wavetracing.smooth_bodies import smooth_parts
 
 Surfaces = Literal["perfect", "material"]
 
@@ -38,10 +39,14 @@ def graph_of(scene: Geometry, wavelength: float, surfaces: Surfaces, reflections
     np.maximum.at(high, facets.facet, corners.reshape(-1, 3, 3).max(axis=1))
     place = np.empty(len(scene), np.int64)
     place[scene.order] = np.arange(len(scene))
-    edges = scene.edges if diffractions else scene.edges.taken(np.zeros(0, int))
+    smooth = smooth_parts(scene, 2 * np.pi / wavelength)
+    numbers = (
+        np.setdiff1d(np.arange(len(scene.edges)), scene.edges.at[smooth.sides]) if diffractions else np.zeros(0, int)
+    )
+    edges = scene.edges.taken(numbers)
     both = place[np.where(edges.faces < 0, edges.faces[:, :1], edges.faces)].reshape(-1, 2)
     sides, row = np.column_stack([plane[both], np.full(len(edges), -1)]), mesh[both].astype(np.int32)
-    ends, wedge, numbers = edges.ends.copy(), edges.wedge.copy(), np.arange(len(edges))
+    ends, wedge = edges.ends.copy(), edges.wedge.copy()
     for e, f in _thin(edges, plane[both], wavelength):
         # The air about both together, from the first face of one to the second of the other.
         ends[e], wedge[e] = (ends[e] + ends[f]) / 2, min(round(wedge[e] + wedge[f] - 1, 9), 2.0)
@@ -50,7 +55,8 @@ def graph_of(scene: Geometry, wavelength: float, surfaces: Surfaces, reflections
     start, stop = ends[:, 0], ends[:, 1]
     length = np.linalg.norm(stop - start, axis=1, keepdims=True)
     table = np.column_stack([start, (stop - start) / length, length, wedge, edges.normal, edges.inward])
-    turns, images = _sequences(planes, np.unique(plane[~np.isin(rows[mesh, 0], (ABSORBER, DIFFUSE))]), reflections)
+    dull = np.isin(rows[mesh, 0], (ABSORBER, DIFFUSE)) | smooth.faces[scene.order]
+    turns, images = _sequences(planes, np.unique(plane[~dull]), reflections)
     graph = Graph(
         edges=table[whole],
         numbers=numbers[whole],
@@ -69,6 +75,7 @@ def graph_of(scene: Geometry, wavelength: float, surfaces: Surfaces, reflections
         images=images,
         legs=np.empty((0, 3), np.int64),
         raised=400 * WELD * scene_size(scene.vertices),
+        bodies=smooth.bodies,
     )
     if diffractions < 2:
         return graph

@@ -120,21 +120,6 @@ class Geometry:
             self.vertices, self.faces, self.welded, self.order, self.topology, self.tree, self.solids
         )  # fmt: skip
 
-    def silhouettes(self, direction: np.ndarray) -> np.ndarray:
-        """Numbers int64[m] of the edges that border what is seen along ``direction`` float64[3].
-
-        Those between a face that is lit, d . n < 0, and one that is not, and every boundary. A face seen edge on,
-        d . n = 0, is not lit; so a box met squarely has the four edges of its front, where (d . n1)(d . n2) < 0
-        would find none.
-        """
-        d = np.asarray(direction, float)
-        if d.shape != (3,) or not np.isfinite(d).all() or not d.any():
-            reject("Geometry.silhouettes direction", "a direction float64[3]", direction)
-        a, b, c = (self.vertices[self.faces[:, n]] for n in range(3))
-        lit = np.cross(b - a, c - a) @ d < 0
-        one, two = self.edges.faces.T
-        return np.flatnonzero((two < 0) | (lit[one] != lit[two]))
-
     def closest(self, cone: Cone, near: float = 0.0, far: float = np.inf) -> tuple[float, int]:
         """Least depth in [near, far] at which the cone meets a triangle, and the triangle; (inf, -1) for none."""
         _check_depths(near, far)

@@ -40,7 +40,8 @@ class RayPath:
     points : float64[N, 3]
         The source, where the path turns, and the point.
     met : tuple
-        In order, ("reflection", number of the mesh) and ("diffraction", number of the edge in ``geometry.edges``).
+        In order, ("reflection", number of the mesh) and ("diffraction", number of the edge in ``geometry.edges``);
+        ("smooth", number of the mesh) for a smooth body, once where it reflects, twice where light creeps around it.
 
     Examples
     --------
@@ -142,7 +143,9 @@ def _path(row: np.ndarray, codes: np.ndarray, search: PathSearch, chosen: int) -
     pair = size * row[: edge_paths.TOTAL].view(complex)
     numbers = search.graph.numbers
     met = tuple(
-        ("diffraction", int(numbers[c - 1])) if c > 0 else ("reflection", -1 - int(c)) for c in codes[:count]
+        ("diffraction", int(numbers[c - 1])) if c > 0
+        else ("reflection", -1 - int(c)) if c >= -edge_paths.CURVED
+        else ("smooth", -1 - edge_paths.CURVED - int(c)) for c in codes[:count]
     )  # fmt: skip
     vectors = size * _carried(row, codes[:count], ways, search)
     return RayPath(

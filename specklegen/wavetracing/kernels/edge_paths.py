@@ -17,6 +17,19 @@ from typing import NamedTuple
 import numpy as np
 
 from specklegen.kernels import inlined, kernel, returning
+from specklegen.wavetracing.kernels.creeping import (
+    COSINE,
+    FIELD,
+    KIND,
+    OUTWARD,
+    REACH,
+    SIDE,
+    TOUCH,
+    WAY,
+    WAYS,
+    Bodies,
+    ways_by,
+)
 from specklegen.wavetracing.kernels.double_edges import Bend, double_diffraction
 from specklegen.wavetracing.kernels.edge_geometry import ALONG, INWARD, LENGTH, NORMAL, WEDGE, along, in_the_air, polar
 from specklegen.wavetracing.kernels.ray_bvh import NO, nearest
@@ -26,6 +39,8 @@ from specklegen.wavetracing.kernels.wedges import boundary_term, geometric_weigh
 MIRRORS = 4
 """Most mirrors on a path."""
 MET = MIRRORS + 2
+CURVED = 1 << 24
+"""Added to the number of a mesh that reflects as a smooth body, or that light creeps around."""
 TOTAL, ARRIVAL, STATIONS, SURFACES, PAIR, VALUES = 4, 5, 8, 32, 56, 64
 """Columns of a path: from 0 on its amplitudes, soft and hard (re, im); its length; direction at P; stations from S to
 P; coefficients of what is met, soft and hard; those of its edges by polarisation at the first and the last."""
@@ -65,6 +80,8 @@ class Graph(NamedTuple):
         Pairs of edges between which light may run, and by which mirrors.
     raised : float
         How far a point on a face is taken off it to see what it sees (a length).
+    bodies : Bodies
+        Smooth bodies; faces that stand for curved surfaces are no mirrors.
     """
 
     edges: np.ndarray
@@ -84,6 +101,7 @@ class Graph(NamedTuple):
     images: np.ndarray
     legs: np.ndarray
     raised: float
+    bodies: Bodies
 
 
 class Rules(NamedTuple):
@@ -574,6 +592,48 @@ def paths_between(views, point, graph, tree, rules, values, met):
     if _leg_clear(start, end, zero, zero, nowhere + nowhere, -1.0, way, graph, tree):
         _, _, _, r = _step(start, end)
         power = 2.0 / (r * r)
+    ways, raised, bodies = np.empty((WAYS, WAY)), np.empty((2, 3)), graph.bodies
+    for b in range(bodies.starts.shape[0] - 1):
+        for i in range(turns.shape[0]):
+            for j in range(turns.shape[0]):
+                room = rules.mirrors - turns[i, 0] - turns[j, 0]
+                if room < 0 or (room == 0 and rules.edges == 0):
+                    continue
+                a, c = _image(graph.images[i], views.point, 1.0), _image(graph.images[j], point.point, 1.0)
+                for w in range(ways_by(a, c, bodies, b, k, True, rules.edges > 0, ways)):
+                    low, creeps = _put(way, 0, turns, i, False), ways[w, KIND] == 2.0
+                    mid = low + 1 if creeps else low
+                    high = _put(way, mid + 1, turns, j, True)
+                    way.through[:] = 1.0
+                    for node in range(low, mid + 1):
+                        at, place = 3 * (node - low), bodies.places[int(ways[w, SIDE + node - low])]
+                        way.met[node], way.names[node] = graph.plane[place], -1 - CURVED - graph.mesh[place]
+                        te, tm = field_coefficients(graph.materials, graph.row[place], ways[w, COSINE])
+                        soft = complex(ways[w, FIELD], ways[w, FIELD + 1])
+                        hard = complex(ways[w, FIELD + 2], ways[w, FIELD + 3])
+                        way.coefficients[node, 0] = (
+                            0.5 * ((1.0 - te) * soft + (1.0 + te) * hard) if node == low else 1.0
+                        )
+                        way.coefficients[node, 1] = (
+                            0.5 * ((1.0 - tm) * soft + (1.0 + tm) * hard) if node == low else 1.0
+                        )
+                        p = (ways[w, TOUCH + at], ways[w, TOUCH + at + 1], ways[w, TOUCH + at + 2])
+                        way.at[node + 1] = p
+                        out = (ways[w, OUTWARD + at], ways[w, OUTWARD + at + 1], ways[w, OUTWARD + at + 2])
+                        raised[node - low] = _moved(p, out, graph.raised)
+                    p, q = (
+                        (raised[0, 0], raised[0, 1], raised[0, 2]),
+                        (raised[mid - low, 0], raised[mid - low, 1], raised[mid - low, 2]),
+                    )
+                    if not _leg_clear(start, p, zero, low, nowhere + nowhere, -1.0, way, graph, tree):
+                        continue
+                    if not _leg_clear(q, end, mid + 1, high, nowhere + nowhere, -1.0, way, graph, tree):
+                        continue
+                    pair[0, 1] = pair[1, 0] = 0.0
+                    pair[0, 0] = pair[1, 1] = 1.0
+                    values, met = grown(values, count), grown(met, count)
+                    power += _record(way, high, ends, ways[w, REACH], pair, values[count], met[count])
+                    count += 1
     for attempt in range(tries.shape[0] + turns.shape[0]):
         n = attempt - tries.shape[0]
         if n < 0 and rest > rules.share * power:
