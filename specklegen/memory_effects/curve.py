@@ -39,7 +39,7 @@ from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import SLANT, LobeLoss, lobe_loss, steepest
-from specklegen.paths.rare_paths import changes_of, implied_by_changes, implied_by_each, warn_of_rare_paths
+from specklegen.paths.rare_paths import CHANGES, changes_of, implied_by_changes, implied_by_each, warn_of_rare_paths
 from specklegen.paths.reversal import reversal_decision
 from specklegen.paths.slab_tracer import events_across, events_per_path
 from specklegen.paths.steps import refracting_layers
@@ -290,7 +290,8 @@ def memory_effect(
         Where no path carried light, and all is NaN.
         Where the mean free path is below the wavelength: independent scattering is then doubtful. Where tilts are
         neither small beside the scatterers' phase function, nor beside 0.1 radian, and segments are in the phase
-        function's near field: no estimate is right there. Where standard errors rest on next to no path.
+        function's near field: no estimate is right there. Where standard errors rest on next to no path, or the phase
+        function lets expect that few: fewer than half a path that carries the variance.
 
     Examples
     --------
@@ -473,7 +474,7 @@ def _lateral(medium, wavelength, light, view, views, side, paths, seed, reverse,
     along = np.exp(-1j * np.angle(field))
     off = ((w * turn).real - abs(k) for w, turn, k in zip(waves, along, field, strict=True))
     batch = correlation.owners * len(batches) // paths
-    implied = implied_by_each(medium, weights, batch, len(batches), off)
+    implied = implied_by_each(medium, weights, batch, len(batches), off).seen(medium, side)
     error, carried = implied.at_least(error, 2 * np.abs(field)), float(implied.paths.min(initial=np.inf))
     return field, intensity, 1 - intensity, error, correlation.single_share, batches[:, -1].real, carried
 
@@ -493,7 +494,7 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, threads=threads)
         ones, many = bank.single, bank.multiple
         alone, still = np.empty(0), np.empty(0)
-        sums, changes = np.empty(2 * n + 1, np.complex128), np.zeros((n, 6), np.complex128)
+        sums, changes = np.empty(2 * n + 1, np.complex128), np.zeros((n, CHANGES), np.complex128)
         for t, pair in enumerate(pairs):  # one after the other: all amplitudes at once would not fit
             layout = tracer.layout.of_ends(pair, pair)
             layout = first.tilting(layout) if near else layout
@@ -522,10 +523,9 @@ def _exact(medium, wavelength, light, view, views, side, paths, seed, reverse, t
         return np.square(np.abs(normalised(part)))
 
     intensity, error = jackknife(sums, correlation)
-    field, lit, carried = normalised(sums.sum(axis=0)), sums[:, 2 * n].real, np.inf
-    if not reverse:
-        implied = implied_by_changes(medium, lit, changes)
-        error, carried = implied.at_least(error, 2 * np.abs(field)), float(implied.paths.min(initial=np.inf))
+    field, lit = normalised(sums.sum(axis=0)), sums[:, 2 * n].real
+    implied = implied_by_changes(medium, lit, changes).seen(medium, side)
+    error, carried = implied.at_least(error, 2 * np.abs(field)), float(implied.paths.min(initial=np.inf))
     return field, intensity, 1 - intensity, error, float(single / total), lit, carried
 
 

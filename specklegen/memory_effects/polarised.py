@@ -31,7 +31,7 @@ from specklegen.paths.endpoints import AXIS
 from specklegen.paths.jones import Ends, connection_matrices, require_ends
 from specklegen.paths.layout import Layout
 from specklegen.paths.momentum import momentum_transfer
-from specklegen.paths.rare_paths import Implied, changes_of, implied_by_changes, implied_by_each
+from specklegen.paths.rare_paths import CHANGES, Implied, changes_of, implied_by_changes, implied_by_each
 from specklegen.paths.tracer import plane_tracer
 from specklegen.scene.media import PlaneMedium
 
@@ -290,8 +290,8 @@ class PairLight(NamedTuple):
         Light that was scattered once.
     weights, transfer, batch : float64[M], float64[M], int64[M]
         Light of every way at the first pair, and its momentum transfer, where times were asked for.
-    changes : complex128[batches, P, 6]
-        Sums of :func:`specklegen.paths.rare_paths.changes_of`; 0 of light sent back, which comes from few directions.
+    changes : complex128[batches, P, CHANGES]
+        Sums of :func:`specklegen.paths.rare_paths.changes_of`.
     """
 
     sums: np.ndarray
@@ -301,12 +301,12 @@ class PairLight(NamedTuple):
     batch: np.ndarray
     changes: np.ndarray
 
-    def curve(self, medium: PlaneMedium) -> PolarisedCurve:
-        """K of the pairs, with errors that the phase function implies of light that goes through."""
+    def curve(self, medium: PlaneMedium, side: float) -> PolarisedCurve:
+        """K of the pairs, with errors that the phase function implies (:meth:`Implied.seen`)."""
         curve = curve_of(self.sums, self.single)
-        if not self.changes.any() or np.isnan(curve.single_share):
+        if np.isnan(curve.single_share):
             return curve
-        return curve.at_least(implied_by_changes(medium, curve.lit, self.changes))
+        return curve.at_least(implied_by_changes(medium, curve.lit, self.changes).seen(medium, side))
 
 
 def pair_light(
@@ -320,13 +320,13 @@ def pair_light(
     tracer = plane_tracer(medium, wavelength, lights, views, reverse, transfer=x is not None)
     ends, pairs = require_ends(medium), len(number)
     first = tracer.layout.of_ends(slice(0, 1), slice(0, 1))
-    directions, implies = seen.vectors, not reverse and views[0, 2] > 0
+    directions = seen.vectors
     analysers = directions[list(seen.components)].conj()
 
     def batch(part: slice, crew: Threads) -> tuple[np.ndarray, float, np.ndarray, np.ndarray, np.ndarray]:
         bank = tracer.trace(seed, part.stop - part.start, first=part.start, threads=crew)
         sums = np.empty((2 * pairs + 1, *[len(analysers)] * 2), np.complex128)
-        changes, light = np.zeros((pairs, 6), np.complex128), np.empty(0)
+        changes, light = np.zeros((pairs, CHANGES), np.complex128), np.empty(0)
         still, single, weights, turned = [], 0.0, np.empty(0), np.empty(0)
         for t in range(len(lights)):
             layout = tracer.layout.of_ends(slice(t, t + 1), slice(t, t + 1))
@@ -338,7 +338,8 @@ def pair_light(
             moved = [np.zeros(0)] * len(ways) if x is None else [momentum_transfer(kept, way.bank) for way in ways]
             if t == 0:
                 still, sums[-1] = both, power
-                light = np.concatenate([np.square(np.abs(way.fields @ directions[0])).sum(axis=-1) for way in ways])
+                whole = interfering([way.fields @ directions[0] for way in ways])[:2]
+                light = np.concatenate([np.square(np.abs(each)).sum(axis=-1) for each in whole])
                 single = float(np.square(np.abs(fields[0])).sum())
                 if x is not None:
                     weights = np.concatenate([(a.conj() * b).real.sum(0) for a, b in zip(both, fields, strict=True)])
@@ -348,10 +349,9 @@ def pair_light(
                 sums[pairs + p] = power
                 left = fields if x is None else [f * np.exp(-2 * x[p] * y) for f, y in zip(fields, moved, strict=True)]
                 sums[p] = sum(a @ b.conj().T for a, b in zip(still, left, strict=True))
-                if implies:
-                    products = (np.concatenate([(a * b.conj()).sum(axis=0) for a, b in zip(still, other, strict=True)])
-                                for other in (still, left))  # fmt: skip
-                    changes[p] = changes_of(next(products).real, next(products), light)
+                products = (np.concatenate([(a * b.conj()).sum(axis=0) for a, b in zip(still, other, strict=False)])
+                            for other in (still[:2], interfering(left)[:2]))  # fmt: skip
+                changes[p] = changes_of(next(products).real, next(products), light)
         return sums, single, weights, turned, changes
 
     batches = list(in_turn(batch, even_slices(paths, BATCHES), thread_count(threads)))
@@ -368,4 +368,4 @@ def pair_curve(
     """K from the fields of every connection at every pair (i_t, v_t) float64[T + 1, 3]; the first is at rest."""
     number, options = np.arange(len(lights) - 1), {"reverse": reverse, "near": near}
     light = pair_light(medium, wavelength, lights, views, number, None, seen, paths, seed, threads, **options)
-    return light.curve(medium)
+    return light.curve(medium, views[0, 2])

@@ -21,7 +21,7 @@ from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplit
 from specklegen.paths.endpoints import AXIS
 from specklegen.paths.far_field import lobe_loss, steepest
 from specklegen.paths.momentum import at_rest, doppler_shift, momentum_transfer
-from specklegen.paths.rare_paths import Implied, changes_of, implied_by_changes, implied_by_each, implied_error
+from specklegen.paths.rare_paths import CHANGES, changes_of, implied_by_changes, implied_by_each, implied_error
 from specklegen.paths.tracer import Tracer
 from specklegen.scene.motion import Motion
 
@@ -145,14 +145,13 @@ def by_ways(asked: Asked, paths: int, seed: Seed) -> Found:
         left = wave * asked.left(p, turned, shifts).conj()
         return (left * np.exp(-1j * np.angle(field[p]))).real - np.abs(field[p])
 
-    if asked.aim.side < 0:
-        implied = Implied(np.zeros(len(field)), np.full(len(field), np.inf))
-    elif q.any() or not isinstance(light, LightClasses):
+    if q.any() or not isinstance(light, LightClasses):
         implied = implied_by_each(asked.medium, weights, batch, n, map(deviation, range(len(field))))
     else:
         off = np.square(np.exp(-2 * np.multiply.outer(light.transfer, asked.x)) - np.abs(field))
         squares, fourths = light.shares @ off, light.shares.sum(axis=0) @ np.square(off)
         implied = implied_error(asked.medium, float(light.shares.sum()), squares, fourths)
+    implied = implied.seen(asked.medium, asked.aim.side)
     error, carried = implied.at_least(error, 2 * np.abs(field)), float(implied.paths.min(initial=np.inf))
     static = float(weights[at_rest(turned, shifts)].sum() / total)
     return Found(field, intensity, error, static, batches[:, -1].real, light, carried)
@@ -175,7 +174,7 @@ def polarised(asked: Asked, paths: int, seed: Seed, *, seen: Polariser) -> Found
         lights, views = np.concatenate([AXIS[None], aim.light]), np.concatenate([aim.view[None], aim.views])
         tally = pair_light(asked.medium, asked.wavelength, lights, views, asked.number, asked.x, seen, paths, seed,
                            asked.threads, reverse=aim.reversal.needed, near=asked.near)  # fmt: skip
-        curve = tally.curve(asked.medium)
+        curve = tally.curve(asked.medium, aim.side)
         weights, turned, batch, batches = tally.weights, tally.transfer, tally.batch, len(tally.sums)
     total = weights.sum()
     if not total > 0:
@@ -188,7 +187,7 @@ def polarised(asked: Asked, paths: int, seed: Seed, *, seen: Polariser) -> Found
 def by_amplitudes(asked: Asked, paths: int, seed: Seed) -> Found:
     """K from the amplitudes of every connection at every pair (i_t, v_t), both ways of a path where they interfere."""
     reverse, near = asked.aim.reversal.needed, asked.near
-    implies = not reverse and not asked.medium.has_sides and asked.aim.side > 0
+    implies = not asked.medium.has_sides
     tracer = asked.tracer()
     pairs = [slice(t, t + 1) for t in range(1 + len(asked.angles))]
     first, p, n = tracer.layout.of_ends(pairs[0], pairs[0]), len(asked.x), len(asked.angles)
@@ -201,7 +200,7 @@ def by_amplitudes(asked: Asked, paths: int, seed: Seed) -> Found:
         ones, many = bank.single, bank.multiple
         back = many.reversed() if reverse else many.select(slice(0, 0))
         sums, rest, light = np.empty(p + n + 1, np.complex128), 0.0, None
-        changes = np.zeros((p, 6), np.complex128)
+        changes = np.zeros((p, CHANGES), np.complex128)
         still: tuple[np.ndarray, ...] = ()
         for t, pair in enumerate(pairs):
             seen = tracer.layout.of_ends(pair, pair)
@@ -227,7 +226,8 @@ def by_amplitudes(asked: Asked, paths: int, seed: Seed) -> Found:
                 later = [a * asked.left(m, y, d) for _, a, y, d in kept]
                 sums[m] = sum(np.vdot(a, s) for a, s in zip(later, still, strict=True))
                 if implies:
-                    whole = np.concatenate(still)
+                    later = [later[0], later[1] + later[2]] if reverse else later
+                    whole = np.concatenate(still[: len(later)])
                     changes[m] = changes_of(np.square(np.abs(whole)), whole * np.concatenate(later).conj())
         assert light is not None, "the first pair is that of no tilt"
         return sums, rest, light, changes
@@ -252,6 +252,7 @@ def by_amplitudes(asked: Asked, paths: int, seed: Seed) -> Found:
     field, lit, carried = normalised(sums.sum(axis=0)), sums[:, -1].real, np.inf
     if implies:
         implied = implied_by_changes(asked.medium, lit, np.array([each[3] for each in batches]))
+        implied = implied.seen(asked.medium, asked.aim.side)
         error, carried = implied.at_least(error, 2 * np.abs(field)), float(implied.paths.min(initial=np.inf))
     return Found(field, intensity, error, static, lit, classes, carried)
 
