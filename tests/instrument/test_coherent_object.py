@@ -74,6 +74,47 @@ def test_one_plane_wave_is_that_beam_exactly():
     np.testing.assert_allclose(one.field, two.field, rtol=1e-6)
 
 
+@pytest.mark.parametrize("step", [(1, 0), (-2, 1)])
+def test_one_sample_of_the_angular_spectrum_is_that_plane_wave(step):
+    """A ramp of whole turns over the window is one tilted beam, and the field behind a slab is the beam's."""
+    x, y = np.meshgrid(np.arange(6) - 2.5, np.arange(6) - 2.5)
+    light = CoherentObject(np.exp(1j * K * (step[0] * x + step[1] * y) / 6), 20.0, width=120.0)
+    sines = np.array(step) / 120.0
+    np.testing.assert_allclose(light.modes(1.0).directions[:, :2], sines[None], atol=1e-15)
+    cosine = np.sqrt(1 - sines @ sines)
+    np.testing.assert_allclose(light.amplitudes(1.0), [[np.sqrt(cosine)]], rtol=1e-12)
+    beam = sg.light.CollimatedBeams(directions=[[*sines, cosine]], width=120.0)
+    one, two = (sg.render(scene(light).replace(illumination=each), paths=300, sampler="paths", seed=2, threads=1)
+                for each in (light, beam))  # fmt: skip
+    np.testing.assert_allclose(one.field, two.field * np.sqrt(cosine), rtol=1e-5)
+
+
+@pytest.mark.parametrize("medium", [
+    sg.GroundGlass(angle=0.05), sg.PhaseScreen(rms_phase=2.0, correlation_length=300.0)
+])  # fmt: skip
+def test_infinite_memory_is_a_convolution_of_fields(medium):
+    """Behind one screen u(v) is the sum of amplitudes times the field of an even object at v - s; not of intensities.
+
+    Of Gaussian fields, and of drawn phases.
+    """
+    letter = np.zeros((8, 8), complex)
+    letter[1:7, 2] = letter[6, 2:6] = 1.0
+    letter[2, 5] = 1j
+    light = CoherentObject(np.stack([letter, np.ones((8, 8))]), 400.0, width=3200.0)
+    seen = scene(light, medium, (48, 48), pitch=0.5 / 3200.0)
+    assert ("phases drawn on" in sg.plan(seen).explain()) == (medium.stack.correlation_lengths[0] == 300)
+    shown, even = sg.render(seen, seed=1, mean=True).field
+    sines, amplitudes = light.spectrum(1.0)
+    found = np.zeros((32, 32), complex)
+    for row, down in enumerate(np.rint(sines * 3200).astype(int)):
+        for column, along in enumerate(np.rint(sines * 3200).astype(int)):
+            part = even[8 - 2 * down : 40 - 2 * down, 8 - 2 * along : 40 - 2 * along]
+            found += amplitudes[0, row, column] * part
+    expected = shown[8:40, 8:40]
+    assert np.abs(found - expected).max() < 2e-3 * np.abs(expected).max()
+    assert np.abs(found.conj() - expected).max() > 0.1 * np.abs(expected).max()
+
+
 def test_one_pixel_is_its_diffraction_pattern():
     """Behind next to nothing: a square of sines as wide as the pixel's band, A / lambda in amplitude, in phase."""
     pixel = np.zeros((1, 1)) + 1.0
