@@ -115,6 +115,10 @@ class CoherentObjects(ShownObjects):
         ):
             if given:
                 reject(f"Recipe.{name}", "left out where the kind is coherent-object", "given", remedy)
+        if self.sampler == "paths":
+            reject("Recipe.sampler", '"auto", "stationary" or "screens" where the kind is coherent-object', "paths",
+                   "Path sums add up every plane wave of an object, which takes minutes a sample. Render single scenes "
+                   "so: sg.render of a Scene with sg.light.CoherentObject.")  # fmt: skip
         if self.profile != "square":
             reject("Window.profile", '"square", on which an object is a Fourier series', self.profile)
         self._waves  # noqa: B018 - its light is refused here

@@ -282,6 +282,8 @@ def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
                "Other samplers do not support sums of beams.")  # fmt: skip
     grid = scene.sensor.regular_grid
     if grid is None or asked is PathSums or scene.polarisers is not None or scene.film:
+        if scene.thin is not None and grid is not None:
+            reject("sampler", '"auto" or "screens" for this scene', "paths", "Thin screens have no paths.")
         if scene.thin is not None:
             reject("Scene.sensor", "a regular far-field grid behind thin screens", scene.sensor.type,
                    "Use FarField.grid(...).")  # fmt: skip

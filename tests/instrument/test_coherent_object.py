@@ -273,6 +273,11 @@ def test_refused(message, change):
     assert_refused(lambda: scene(CoherentObject(**{"field": LETTER, "pitch": 20.0} | change)), message)
 
 
+def test_screens_have_no_paths():
+    seen = scene(CoherentObject(LETTER, 20.0), sg.GroundGlass(angle=0.1))
+    assert_refused(lambda: sg.plan(seen, sampler="paths"), r"sampler must be .*screens.*have no paths")
+
+
 def test_units_and_files():
     """Lengths as texts with units; a scene in a file is the same scene."""
     light = CoherentObject(LETTER, "20 um", "3 mm", waist="0.2 mm")

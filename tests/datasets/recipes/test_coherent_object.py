@@ -138,7 +138,7 @@ def test_few_correlation_lengths_have_drawn_phases(ballistic):
     ({"light": {"bandwidth": 0.001}}, "bandwidth must be"),
     ({"object": {"pitch": 0.2}}, "at least half a wavelength"),
     ({"object": {"modulation": "both"}}, "modulation"),
-    ({"sampler": "paths"}, "screens|coherent"),
+    ({"sampler": "paths"}, r"Recipe\.sampler must be .* minutes a sample"),
 ])  # fmt: skip
 def test_refused(changes, message):
     assert_refused(lambda: recipe(**changes).sample(0, "train", 0), message)
