@@ -19,8 +19,8 @@ from specklegen.wavetracing.kernels.regions import Facets, Openings
 
 _FOUND: WeakKeyDictionary[Geometry, Facets] = WeakKeyDictionary()
 _PLANE = 1e-7  # radians between triangles of one facet, and facets of one sheet
-MOST_EDGES = 256
-"""Edges of an opening that the exact sampler of patterns takes; its work grows with their square."""
+MOST_EDGES = 64
+"""Edges of an opening that the exact sampler of patterns takes; its work grows with their square. Others, by grids."""
 
 
 def facets_of(scene: Geometry) -> Facets:

@@ -1,6 +1,7 @@
 """Diffraction patterns of traced beams: against the exact field of a hole, and of partially coherent light."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -270,3 +271,21 @@ def test_gaussian_patterns_are_those_of_the_transform():
     assert value < chi2.isf(FALSE_ALARM, degrees)
     value, degrees = raster_excess(mask, 0.02, 0.03)
     assert value > chi2.isf(FALSE_ALARM, degrees)
+
+
+def test_sixty_slits_take_at_most_ten_times_six():
+    """CPU seconds a beam; more than 16 slits are drawn from grids, whatever their number."""
+
+    def seconds(count):
+        holes = [slit(14 * (n - (count - 1) / 2), 5.0) for n in range(count)]
+        scene, width = screen(*holes), 7.0 * count
+        source = CollimatedEmitter([-width, -6, -10], [width, 6, -10], [0, 0, 1.0], 30.0, 1.0)
+        times = []
+        for seed in range(3):
+            start = time.process_time()
+            trace(scene, source, receiver(1e4, 1e4, 4, 4), 2000, seed, threads=1)
+            times.append(time.process_time() - start)
+        return min(times)
+
+    six, sixty = seconds(6), seconds(60)
+    assert sixty < 10 * six
