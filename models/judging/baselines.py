@@ -181,7 +181,7 @@ def on_even_light(method: Method) -> Method:
         over = images.mean(1) if name == "frames" else images
         good = np.ones(tuple(over.shape[1:]), bool)
         fits = [fit_envelope(one.double().numpy(), good, "benchmark").values for one in over]
-        envelope = torch.from_numpy(np.stack(fits)).to(images)
+        envelope = torch.from_numpy(np.stack(fits)).to(images.device, torch.float32)  # counts may be integers
         return method({**batch, name: images / (envelope[:, None] if name == "frames" else envelope)})
 
     return seen

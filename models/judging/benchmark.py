@@ -105,7 +105,8 @@ def blinded(batch: Batch, recipe: HiddenObject) -> dict[str, Any]:
         own = {name: float(values[n]) for name, values in drawn.items()}
         correlation = material.known(material.slab_of(own)).correlation
         curves.append(memory_effect_of(correlation, own["wavelength"], own["object_pitch"])(np.arange(FRAME)))
-    seen = {name: batch[name] for name in ("image", "frames", "places", "spot") if name in batch}
+    seen = {name: batch[name].float() for name in ("image", "frames") if name in batch}
+    seen |= {name: batch[name] for name in ("places", "spot") if name in batch}
     if recipe.media_group > 1:  # numbered anew: of a medium's own number the object would be a function
         seen["medium"] = torch.unique(drawn["medium"], return_inverse=True)[1]
     return {

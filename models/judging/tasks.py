@@ -21,7 +21,7 @@ from specklegen.datasets.recipes.hidden_object import CENTRE, HiddenObject
 from specklegen.models.judging import frames, pages, waves
 from specklegen.models.learning.examples import batches_of
 
-VERSION = 9
+VERSION = 10
 """Raised whenever an image of a task changes, or what a score is of."""
 SEED = 20
 """Of every task."""
@@ -51,6 +51,26 @@ _SEVEN = {
         "families": [{"type": name} | ({"disjoint": "font"} if name == "Glyphs" else {}) for name in FAMILIES],
     },
 }  # fmt: skip
+_NATURAL = {
+    "sampler": "stationary", "mode_tolerance": 0.001, "objects": _CHARACTERS,
+    "material": {
+        "wavelength": 1.0, "thickness": {"log_uniform": [15.0, 150.0]}, "optical_depth": {"uniform": [4.0, 6.0]},
+        "g": None, "scatterer": {"type": "VonMisesFisher", "concentration": {"log_uniform": [160.0, 400.0]}},
+    },
+    "media": "new", "window": {"width": 256.0}, "camera": {"shape": [128, 128], "pixels_per_grain": 2.0},
+    "field": {"pitch": 1 / 512, "extent_over_range": None},
+}  # fmt: skip
+"""A camera of 14 degrees behind slabs that scatter into 7 to 12: the light falls off as it does behind such slabs."""
+_BENCH = {
+    "camera": {"shape": [800, 800], "pixels_per_grain": 2.0}, "objects": _CHARACTERS,
+    "bench": {
+        "stray": {"uniform": [0.6, 0.9]}, "brightness": {"log_uniform": [0.15, 0.4]},
+        "cameras": [
+            {"photons": 1000.0, "bit_depth": 8, "full_well": 10000.0, "gain": 40.0, "read_noise": 5.0, "offset": 2.0},
+        ],
+    },
+}  # fmt: skip
+"""Contrast of 0.05 to 0.3, 400 grains a side, 8 bits: what a frame of an optical bench has."""
 
 
 class Task(NamedTuple):
@@ -221,6 +241,15 @@ TASKS = (
         "time; a new medium at each of 42 to 186 exposures",
         "wide-field", pages.CHANGES,
         "b06d6dd5da696172b33d898520e347f9981a4bc424ba69b6e06a27b404158448", pages.SAMPLES, kind="pages",
+    ),
+    Task(
+        "natural light", "held-out characters behind slabs whose light falls off across the camera; nothing is "
+        "divided out", "through-slab", _NATURAL, "e8d1951c7d951d42036981255890ee62fb7ad4674aba24d6b4c143cef0f5e6b8",
+    ),
+    Task(
+        "low contrast", "held-out characters behind ground glass on a camera of 400 grains a side: 8 bits, stray "
+        "light, contrast 0.05 to 0.3", "ground-glass-bench", _BENCH,
+        "622e28ef1cc8b54908fe7297bd002e9d5c892650c21629eeff79f91d00b628bd", 32,
     ),
     Task(
         "measured frames", "eight shapes behind four ground glasses, measured by another laboratory; "

@@ -18,7 +18,7 @@ A scene that fails is repaired in thought, each time by what helps most, until i
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -40,6 +40,8 @@ COEFFICIENTS = {
 """a, b, c, d, w and s, from the even cells of the tables."""
 FITTED = {"residual": (0.0324, 42.814), "complexity": (2.5266, 46.65), "bright_area": (1.5766, 72.1168)}
 """Smallest and largest of the even cells: beyond, a verdict extrapolates."""
+STATES = 4, 16
+"""Numbers of states of the medium that a judgement of a recipe also speaks of (docs/howmany.md)."""
 _NINETIETH = 1.6449  # half of the interval that holds 90 % of a Gaussian number, over its spread
 _ROOTS, _WEIGHTS = np.polynomial.hermite_e.hermegauss(31)
 _NODES = _ROOTS, _WEIGHTS / _WEIGHTS.sum()
@@ -80,6 +82,8 @@ class Verdict:
         Why it fails, the weightiest first; empty where it works.
     numbers : Mapping of str to float
         What the judgement follows from.
+    by_states : Mapping of int to float
+        Probability if every object is seen through that many times as many independent states of the medium.
 
     Examples
     --------
@@ -87,12 +91,15 @@ class Verdict:
     >>> verdict = recoverable("through-slab", media=1)
     >>> verdict.works
     False
+    >>> {count: round(value, 1) for count, value in verdict.by_states.items()}
+    {4: 0.9, 16: 1.0}
     """
 
     probability: float
     interval: tuple[float, float]
     reasons: tuple[Reason, ...]
     numbers: Mapping[str, float]
+    by_states: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def works(self) -> bool:
@@ -115,6 +122,9 @@ class Verdict:
             lines.append(f"  caution: {name} is outside {low:.3g} to {high:.3g}, the fitted range")
         for reason in self.reasons:
             lines.append(f"{reason.name}: {reason.numbers}\n  remedy: {reason.remedy}")
+        if self.by_states:
+            gained = ", ".join(f"{count} states {value:.2f}" for count, value in self.by_states.items())
+            lines.append(f"success probability with frames through more states of the medium: {gained}")
         return "\n".join(lines)
 
 
@@ -148,8 +158,8 @@ def logit(found: Residual) -> float:
     return float(odds(found, np.array(list(COEFFICIENTS.values()))))
 
 
-def judge(conditions: Conditions) -> Verdict:
-    """Predict success from the conditions alone."""
+def judge(conditions: Conditions, states: tuple[int, ...] = ()) -> Verdict:
+    """Predict success from the conditions alone, and with so many times as many states of the medium."""
     errors = residual(conditions)
     value = logit(errors)
     numbers = {
@@ -168,7 +178,9 @@ def judge(conditions: Conditions) -> Verdict:
     }
     reasons = () if value >= 0 else _reasons(conditions, errors)
     probability, low, high = chances(value)
-    return Verdict(probability, (low, high), reasons, MappingProxyType(numbers))
+    more = {n: conditions.replace(frames=n * conditions.frames) for n in states}
+    gained = {n: chances(logit(residual(seen)))[0] for n, seen in more.items()}
+    return Verdict(probability, (low, high), reasons, MappingProxyType(numbers), MappingProxyType(gained))
 
 
 def recoverable(
@@ -217,7 +229,7 @@ def recoverable(
     loaded.warn_of_implausible()
     count = 1 if loaded.media_alike else media
     each = [
-        judge(conditions_of(loaded, seed=seed, medium=n, compensation=compensation, beam=beam, removal=removal))
+        judge(conditions_of(loaded, seed=seed, medium=n, compensation=compensation, beam=beam, removal=removal), STATES)
         for n in range(count)
     ]
     return _together(each)
@@ -392,4 +404,8 @@ def _together(verdicts: list[Verdict]) -> Verdict:
             for reason in each.reasons:
                 reasons.setdefault(reason.name, reason)
     low, high = np.mean([each.interval for each in verdicts], axis=0)
-    return Verdict(probability, (float(low), float(high)), tuple(reasons.values()), MappingProxyType(numbers))
+    gained = {n: float(np.mean([each.by_states[n] for each in verdicts])) for n in verdicts[0].by_states}
+    return Verdict(
+        probability, (float(low), float(high)), tuple(reasons.values()), MappingProxyType(numbers),
+        MappingProxyType(gained),
+    )  # fmt: skip

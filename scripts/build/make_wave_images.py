@@ -84,10 +84,13 @@ def _views() -> np.ndarray:
     return np.arange(-CAMERA // 2, CAMERA // 2)
 
 
-def patterns(medium: sg.Slab, lit: np.ndarray, seed: int) -> np.ndarray:
-    """What the camera sees of each lit pixel, bool[SIDE, SIDE], alone: float64[N, CAMERA, CAMERA]."""
+def patterns(medium: sg.Slab, lit: np.ndarray, seed: int, tilt: int = 0) -> np.ndarray:
+    """Return the camera's view of each lit pixel, bool[SIDE, SIDE], alone: float64[N, CAMERA, CAMERA].
+
+    Light and camera turn together by ``tilt`` bins.
+    """
     rows, columns = np.nonzero(lit)
-    places = [(int(x) - SIDE // 2, int(y) - SIDE // 2) for y, x in zip(rows, columns, strict=True)]
+    places = [(int(x) - SIDE // 2 + tilt, int(y) - SIDE // 2) for y, x in zip(rows, columns, strict=True)]
     (fields,) = slice_views(medium, bins=places, seed=seed, **GRID)
     size, seen = GRID["size"], np.empty((len(places), CAMERA, CAMERA))
     inside = np.zeros((size, size), np.float32)
@@ -95,7 +98,7 @@ def patterns(medium: sg.Slab, lit: np.ndarray, seed: int) -> np.ndarray:
     inside[edge : edge + WINDOW, edge : edge + WINDOW] = 1
     for n, (field, (x, y)) in enumerate(zip(fields, places, strict=True)):
         field[y, x] = 0  # light that was not scattered
-        seen[n] = np.square(np.abs(np.fft.fft2(np.fft.ifft2(field) * inside)[np.ix_(_views(), _views())]))
+        seen[n] = np.square(np.abs(np.fft.fft2(np.fft.ifft2(field) * inside)[np.ix_(_views(), _views() + tilt)]))
     return seen
 
 
@@ -111,12 +114,23 @@ def objects() -> np.ndarray:
     return np.round(255 * np.stack(shown)).astype(np.uint8)
 
 
-def images(number: int, hidden: np.ndarray) -> np.ndarray:
-    """Images float64[N, CAMERA, CAMERA] of objects [N, h, w] behind one slab, each of mean 1."""
-    medium = drawn_slab(number).slab
+def images(number: int, hidden: np.ndarray, seed: int | None = None, tilt: int = 0) -> np.ndarray:
+    """Images float64[N, CAMERA, CAMERA] of objects [N, h, w] behind one slab, each of mean 1; ``seed`` of its state."""
+    medium, seed = drawn_slab(number).slab, 1000 + number if seed is None else seed
     lit = (hidden > 0).any(0)
-    seen = np.tensordot(hidden[:, lit] / 255, patterns(medium, lit, 1000 + number), axes=1) / envelope(medium)
+    seen = np.tensordot(hidden[:, lit] / 255, patterns(medium, lit, seed, tilt), axes=1) / envelope(medium)
     return seen / seen.mean((1, 2), keepdims=True)
+
+
+def parameters(number: int) -> dict[str, float]:
+    """Return what a sample of the recipe says of a slab and its camera."""
+    medium = drawn_slab(number).slab
+    return {
+        "thickness": medium.thickness, "optical_depth": medium.optical_depth,
+        "mean_free_path": medium.mean_free_path, "g": medium.scatterer.mean_cosine(),
+        "scatterer_concentration": medium.scatterer.concentration, "albedo": 1.0, "wavelength": 1.0,
+        "width": float(WINDOW), "camera_pitch": PITCH, "object_pitch": PITCH, "medium": number,
+    }  # fmt: skip
 
 
 def main(out: Path) -> None:
@@ -132,11 +146,7 @@ def main(out: Path) -> None:
             family = kinds[n]
             told = family.labels(family.source(SEED, "test", number))
             row, column = centre_of(both[n])
-            rows.append({
-                "thickness": drawn.slab.thickness, "optical_depth": drawn.slab.optical_depth,
-                "mean_free_path": drawn.slab.mean_free_path, "g": drawn.slab.scatterer.mean_cosine(),
-                "scatterer_concentration": drawn.slab.scatterer.concentration, "albedo": 1.0, "wavelength": 1.0,
-                "width": float(WINDOW), "camera_pitch": PITCH, "object_pitch": PITCH, "medium": number,
+            rows.append(parameters(number) | {
                 "extent_over_range": drawn.extent, "family": n, "label": told.get("label", -1.0),
                 "object_row": row, "object_column": column,
             })  # fmt: skip

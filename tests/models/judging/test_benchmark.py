@@ -33,7 +33,8 @@ RECORDED = {1: "ae9684f0b03428ea2f891e6cd8a2eb0abacaa862aacb298c111faa109fbcdcc3
             6: "4c879dc27b3f6f0890db0d5b456c152be641cb721aac4a0ded99c8365fbeea37",
             7: "cc71722424bff64007b1718b0c45350374b001f42159114f3c6af0b7f9234fbb",
             8: "6acbddf43914ad11b33a76a1448724364b6c4d44092e1190e04b4ca86a92dafa",
-            9: "b37acf34a0e8878b5dd1508ce96e177d81374c28b5d91c70e077250e1214f334"}  # fmt: skip
+            9: "b37acf34a0e8878b5dd1508ce96e177d81374c28b5d91c70e077250e1214f334",
+            10: "547db28b34e24fe3d7a66b4b1ce8eb346c0a0c4be533d88f06d22a43fcc70102"}  # fmt: skip
 """What each version stands for. Never change a line: raise VERSION, and add one."""
 
 

@@ -147,3 +147,10 @@ def test_even_light_takes_off_a_slope_and_leaves_even_light_as_it_is(name):
     left = lambda images: (images.mean((1, 2)), (images[..., 48:].mean((1, 2)) / images[..., :48].mean((1, 2))))  # noqa: E731
     assert_mean(left(sloped)[1].numpy() - left(flat)[1].numpy(), 0.0)
     refute_mean(left(flat * slope)[1].numpy() - left(flat)[1].numpy(), 0.0)
+
+
+def test_integer_counts_are_divided_by_the_envelope_too():
+    """An envelope in the images' own type of integers would be 0 and 1."""
+    counts = torch.from_numpy(np.random.default_rng(4).poisson(80.0, (1, 64, 64)).astype(np.uint16))
+    seen = baselines.on_even_light(lambda batch: batch["image"])({"image": counts})
+    assert torch.allclose(seen, counts.float(), rtol=0.1)

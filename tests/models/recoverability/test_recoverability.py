@@ -119,7 +119,7 @@ def test_a_complex_object_is_named_when_nothing_else_is_wrong():
     crowd = scene(objects=uneven, camera=15.0)  # four times as many: not enough
     assert judge(crowd).reasons[-1].name == COMPLEX
     assert judge(crowd).extrapolates == ("complexity",)
-    assert "caution: complexity outside" in judge(crowd).explain()
+    assert "caution: complexity is outside" in judge(crowd).explain()
 
 
 @pytest.mark.parametrize(("field", "worsening"), [("camera", [200.0, 100.0, 50.0, 25.0]), ("frames", [9.0, 4.0, 1.0]),
