@@ -78,7 +78,10 @@ def window_powers(sight: Sight) -> list[torch.Tensor]:
     ]
 
 
-def speckle_variance(sight: Sight, correlations: Correlations, light: LightBatch | None = None) -> torch.Tensor:
+def speckle_variance(
+    sight: Sight, correlations: Correlations, light: LightBatch | None = None, *, known: torch.Tensor | None = None,
+    one: Sight | None = None,
+) -> torch.Tensor:  # fmt: skip
     """V by the differences (row, column) of two object pixels, neither below 0: float64[M, h, w].
 
     Of K that is not the same in all directions at differences 0, 1, ..., -2, -1: float64[M, 2h - 1, 2w - 1].
@@ -91,11 +94,17 @@ def speckle_variance(sight: Sight, correlations: Correlations, light: LightBatch
         Memory effect of the media.
     light
         Modes of the light; by default one.
+    known : float64[M, h, w] or None
+        K at those differences, of light of one mode, where it is known.
+    one
+        Sight of one medium, where it is that of all.
     """
+    shown = window_variance(sight if one is None else one)
+    if known is not None:
+        return shown * known.square()
     ones = torch.ones(len(sight), dtype=torch.float64, device=sight.device)
     modes = [(ones, correlations)] if light is None else [*zip(light.shares.unbind(1), light.modes, strict=True)]
     shape, wavevector = sight.shape, sight.wavenumber * sight.object_pitch
-    shown = window_variance(sight.one if one_by_one(sight.device) else sight)
     if not all(k.isotropic for _, k in modes):
         signed = [share.square()[:, None, None] * on_signed_differences(k, shape, wavevector).square()
                   for share, k in modes]  # fmt: skip

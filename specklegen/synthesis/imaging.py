@@ -41,7 +41,7 @@ from specklegen.synthesis.contrast import speckle_contrast, speckle_variance, wi
 from specklegen.synthesis.correlations import Correlations, FilmBatch, LightBatch, Places
 from specklegen.synthesis.exit_grid import disc_power
 from specklegen.synthesis.films import film_root, filmed
-from specklegen.synthesis.modes import Modes, karhunen_loeve, one_by_one, polynomial_bytes
+from specklegen.synthesis.modes import Modes, karhunen_loeve, memory, one_by_one, polynomial_bytes
 from specklegen.synthesis.nodes import Nodes, node_spectrum, nodes_of
 from specklegen.synthesis.sight import Sight, centred, lags_between
 from specklegen.synthesis.streams import Streams
@@ -547,14 +547,17 @@ def imagings(
         Fields complex128, images float64.
     """
     _require_time(sight, light)
-    variance = speckle_variance(sight, correlations, light)
+    lattice, known = sight.lattice, None
+    if light is None and lattice.tilts == 1 and correlations.isotropic:
+        known = memory(correlations, lattice)
+    one = sight.one if one_by_one(sight.device) else sight  # for all, where they are seen in the same way
+    variance = speckle_variance(sight, correlations, light, known=known, one=one)
     whole = None
     if sight.bound is not None or len(sight) == 1:
-        one = sight.one if one_by_one(sight.device) else sight  # for all, where they are seen in the same way
         whole = {"variance": variance} | {name: value.expand(len(sight), *value.shape[1:])
                                           for name, value in _seen(one, precise).items()}  # fmt: skip
     prepared = []
-    for places, modes in karhunen_loeve(correlations, sight.lattice, tolerance):
+    for places, modes in karhunen_loeve(correlations, lattice, tolerance, known):
         groups = _groups(modes, exact=light is not None and light.shares.shape[1] > 1)
         order = [n for some, _ in groups for n in some]
         at = [places[n] for n in order]

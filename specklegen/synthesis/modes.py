@@ -368,15 +368,19 @@ def one_by_one(device: torch.device) -> bool:
     return device.type == "cpu"
 
 
-def karhunen_loeve(correlations: Correlations, lattice: Lattice, tolerance: float) -> list[tuple[list[int], Modes]]:
+def karhunen_loeve(
+    correlations: Correlations, lattice: Lattice, tolerance: float, known: torch.Tensor | None = None
+) -> list[tuple[list[int], Modes]]:
     """Modes of lattices of beams, one a medium: the media of each degree together, and which they are.
 
     What the modes of a medium leave out adds up to at most ``tolerance`` of the intensity, and every beam's intensity
-    is then restored to 1. On "meta", where there are no numbers, the first degree is enough. Raise a `RuleError` if
-    beams are so many, and so independent, that their modes would not fit into memory.
+    is then restored to 1. Where K on the lattice is ``known`` (:func:`memory`), it is not asked for again. On "meta",
+    where there are no numbers, the first degree is enough. Raise a `RuleError` if beams are so many, and so
+    independent, that their modes would not fit into memory.
     """
-    degree, known = first_degree(lattice.full), memory(correlations, lattice)
+    degree = first_degree(lattice.full)
     require_room(lattice.full, degree)
+    known = memory(correlations, lattice) if known is None else known
     if one_by_one(known.device):  # products and sums alone, for what follows has the same bits in batches
         places = [slice(n, n + 1) for n in range(len(known))]
         triangles = [factor(coefficients(known[n], lattice.at(n), degree), lattice.size) for n in places]
