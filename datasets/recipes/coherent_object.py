@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from specklegen.datasets.addresses import Addresses
     from specklegen.datasets.recipes.materials import Materials
     from specklegen.samplers.sampler import MediaRequest
-    from specklegen.scene.media import Slab
+    from specklegen.scene.media import Layers, Slab
     from specklegen.scene.screens import ScreenStack
 
 
@@ -153,7 +153,7 @@ class CoherentObjects(ShownObjects):
             "parameters": PARAMETERS,
         }  # fmt: skip
 
-    def _view(self, medium: Slab | ScreenStack) -> CoherentView:
+    def _view(self, medium: Slab | Layers | ScreenStack) -> CoherentView:
         light = self.object.light(np.ones((1, *self.objects.shape)), self.geometry.width)
         scene = Scene(wavelength=self.wavelength, medium=medium, illumination=light, sensor=self.geometry.resolved_grid)
         return CoherentView(scene, scene)
