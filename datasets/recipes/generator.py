@@ -83,6 +83,9 @@ class SpeckleGenerator:
         Any device of torch. On "cuda" steps that want one kernel are compiled at first use.
     graphs
         Whether CUDA graphs replay the way from fields to images, on "cuda", where they can be captured.
+    objects
+        Split whose objects are shown, if another one: those of "test" behind media of "train" are unseen objects behind
+        seen media.
 
     Raises
     ------
@@ -93,15 +96,17 @@ class SpeckleGenerator:
     @shielded()
     def __init__(
         self, recipe: RecipeMedia, seed: Any = 0, split: str = "train", device: str | torch.device = "cpu", *,
-        graphs: bool = True,
+        graphs: bool = True, objects: str | None = None,
     ) -> None:  # fmt: skip
         split_number(split)
+        split_number(objects or split)
         if not isinstance(recipe, RecipeMedia):
             reject("SpeckleGenerator.recipe", "a recipe of this library", type(recipe).__name__)
         counted = str(device) == "meta"  # holds no numbers: there, batches are counted
         self.device = torch.device(device) if counted else checked_device("SpeckleGenerator.device", device)
         self.recipe, self.seed, self.split = recipe.on("cpu"), seed_words(seed), cast(Split, split)
         self.drawn = Addresses(self.seed, self.split, self.device)
+        self.shown = Addresses(self.seed, cast(Split, objects or split), self.device)
         self.run = Graphs(self.device) if graphs and self.device.type == "cuda" else each_time
         self.one_by_one = one_by_one(self.device)  # whether objects may be looked at before they are transformed
         self.recipe.rendering  # noqa: B018 - a strict recipe is refused here, whatever is kept of others
@@ -227,7 +232,7 @@ class SpeckleGenerator:
         recipe = self.recipe
         media = [recipe.medium_number(n) for n in numbers]
         ready = self._ready(media)
-        lit = recipe.lit(self.drawn, numbers)
+        lit = recipe.lit(self.shown, numbers)
         images = self._images(media, ready, lit)
         whole = ready[0][0]
         if all(batch is whole for batch, _ in ready):

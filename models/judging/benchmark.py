@@ -94,14 +94,15 @@ def blinded(batch: Batch, recipe: HiddenObject) -> dict[str, Any]:
         rest, one after the other; numbers are of the batch;
         ``places`` int64[B, 2] and ``spot`` float32[h, w], of a page lit a spot at a time, whose exposures are the
         batch: first row and column of the spot at each, and its brightness; ``parameters`` have their ``light``;
-        ``memory_effect`` float64[B, FRAME], C_I of the medium between points 0, 1, 2, ... object pixels apart;
+        ``memory_effect`` float64[B, FRAME], C_I of the medium between points 0, 1, 2, ... object pixels apart, but of
+        coherent objects, which have no pitch on the camera;
         ``parameters``, float64[B] each: ``object_pitch`` and ``camera_pitch`` (direction sines), ``wavelength``,
         ``width`` of the window, and the numbers of the medium, but nothing of the object.
     """
     drawn = batch["parameters"]
     known = {name: values for name, values in drawn.items() if name not in TOLD}
     curves, material = [], cast(Any, recipe.material)  # a slab's or a diffuser's: each knows its own
-    for n in range(len(batch["object"])):
+    for n in range(len(batch["object"]) if "object_pitch" in drawn else 0):
         own = {name: float(values[n]) for name, values in drawn.items()}
         correlation = material.known(material.slab_of(own)).correlation
         curves.append(memory_effect_of(correlation, own["wavelength"], own["object_pitch"])(np.arange(FRAME)))
@@ -109,10 +110,8 @@ def blinded(batch: Batch, recipe: HiddenObject) -> dict[str, Any]:
     seen |= {name: batch[name] for name in ("places", "spot") if name in batch}
     if recipe.media_group > 1:  # numbered anew: of a medium's own number the object would be a function
         seen["medium"] = torch.unique(drawn["medium"], return_inverse=True)[1]
-    return {
-        **seen, "object": torch.zeros_like(batch["object"]), "parameters": known,
-        "memory_effect": torch.from_numpy(np.stack(curves)),
-    }  # fmt: skip
+    effect = {"memory_effect": torch.from_numpy(np.stack(curves))} if curves else {}
+    return {**seen, "object": torch.zeros_like(batch["object"]), "parameters": known, **effect}
 
 
 def benchmark(
@@ -198,6 +197,8 @@ def benchmark(
     for number, (of, count) in enumerate(zip(chosen, counts, strict=True)):
         name, recipe, before = of.name, of.recipe(), sum(counts[:number])
         serving = [each for each in beside if each not in OF_SOME or OF_SOME[each](recipe)]
+        if of.kind == "glasses":
+            serving = [each for each in beside if each == "mean image"]
         methods = own | {each: _beside(each, of, recipe) for each in serving}
         check = partial(_checked, pages=pages.shapes(recipe) if of.kind == "pages" else {})
         if not methods:
@@ -219,6 +220,9 @@ def benchmark(
 
 def _beside(name: str, of: Task, recipe: HiddenObject) -> Function:
     """A baseline of a task; one of images alone sees the exposures of a page a few at a time."""
+    if of.kind == "glasses":  # scored in place
+        mean = _training_objects(recipe).mean(0)
+        return lambda batch: mean.expand(len(batch["object"]), -1, -1)
     made = BASELINES[name](recipe)
     return pages.in_parts(made) if of.kind == "pages" and name not in OF_SOME else made
 

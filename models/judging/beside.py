@@ -82,8 +82,10 @@ class Beside:
 
     @property
     def judged(self) -> bool:
-        """True if there can be a table: of two media at least (one tells nothing of others); objects by one image."""
-        shown = self.untrained.target != "object" or not {"image", "frames"}.isdisjoint(self.batches[0])
+        """True if there can be a table: of two media at least (one says nothing of others), and no coherent objects."""
+        first = self.batches[0]
+        hidden = "object_pitch" in first["parameters"] and not {"image", "frames"}.isdisjoint(first)
+        shown = self.untrained.target != "object" or hidden
         return shown and len(torch.cat([batch["parameters"]["medium"].long() for batch in self.batches]).unique()) > 1
 
     def table(self, trained: Reconstructor | None = None) -> str:

@@ -1,4 +1,4 @@
-"""Scores of each kind of task: images up to shift and turn, pages in their place, measured frames up to more.
+"""Scores of each kind of task: images up to shift and turn, pages and coherent objects in place, frames up to more.
 
 :func:`judged` asks methods about the batches of a task, whatever its kind, and says what their answers score for the
 objects of others.
@@ -13,9 +13,11 @@ import torch
 from specklegen.models.judging import frames, pages
 from specklegen.models.judging.baselines import Batch, Method
 from specklegen.models.judging.chance import chance, partners
-from specklegen.models.judging.evaluation import Evaluation, evaluate, on_frame
+from specklegen.models.judging.evaluation import FRAME, PERFECT, Evaluation, evaluate, identified, on_frame
 from specklegen.models.judging.isolation import copy_of
 from specklegen.models.judging.tasks import Task
+from specklegen.models.metrics import SCORES
+from specklegen.models.retrieval.apodisation import framed
 
 Answers = list[np.ndarray]
 Scores = dict[str, np.ndarray]
@@ -42,7 +44,32 @@ def judged(
         for name, method in methods.items():
             answers[name].append(method(copy_of(batch)).numpy())
         asked.append({name: value for name, value in batch.items() if name != "image"})
-    return _pages(answers, asked) if of.kind == "pages" else _frames(answers, asked)
+    return {"pages": _pages, "glasses": _in_place}.get(of.kind, _frames)(answers, asked)
+
+
+def _in_place(
+    answers: Mapping[str, Answers], asked: list[Mapping[str, Any]]
+) -> tuple[Evaluation, Callable[[Answers], Scores]]:
+    """Coherent objects, whose camera images are upright: neither shift nor turn is tried."""
+    objects = torch.cat([each["object"].float() for each in asked])
+    rows, columns = objects.shape[-2:]
+    drawn = {name: torch.cat([each["parameters"][name] for each in asked]).numpy() for name in ("medium", "label")}
+    media, labels = (drawn[name].astype(np.int64) for name in ("medium", "label"))
+    none = np.full(len(media), -1)
+    partner = partners(labels, none)
+
+    def score(some: Answers, whose: np.ndarray) -> Scores:
+        made = torch.cat([framed(torch.from_numpy(each), FRAME) for each in some])[whose, :rows, :columns]
+        return {name: of(made, objects).clamp(max=PERFECT).double().numpy() for name, of in SCORES.items()}
+
+    own = np.arange(len(media))
+    values = {name: {"sharp": score(some, own)} for name, some in answers.items()}
+    shown = framed(objects, FRAME)
+    right = {
+        name: identified(torch.cat([framed(torch.from_numpy(each), FRAME) for each in some]), shown).numpy()
+        for name, some in answers.items()
+    }  # fmt: skip
+    return Evaluation(values, media, labels, np.zeros(len(media)), none, right), lambda some: score(some, partner)
 
 
 def _pages(

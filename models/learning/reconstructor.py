@@ -71,10 +71,10 @@ class Reconstructor:
         self.network.eval()
         with torch.inference_mode():
             answer = TARGETS[self.target].answer(self.network(inputs.to(self.device)).float())
-            return centred(answer) if self.target == "object" else answer
+            return centred(answer) if self.target == "object" and self.input != "camera" else answer
 
     def reconstruct(self, batch: Mapping[str, Any]) -> Tensor:
-        """Brightness of the objects in a batch of a hidden-object recipe, up to shift and 180-degree flip.
+        """Brightness of the objects in a batch: in place of coherent ones, up to shift and 180-degree flip of others.
 
         Raises
         ------

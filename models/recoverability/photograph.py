@@ -11,7 +11,7 @@ interval.
 
 Speckle of any object is a sum of exponential numbers: its skewness is at least twice its contrast; it is alike all over
 the frame; no frequency stands out of its power; it has no edges (:mod:`~specklegen.models.recoverability.sparseness`).
-What breaks these is no speckle.
+What breaks these is no speckle. Speckle of contrast near 1 is that of one field: of a coherent object, or of a point.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from specklegen.models.recoverability.speckle_test import smoothed_moments
 from specklegen.models.recoverability.verdict import COEFFICIENTS, Reason, share
 from specklegen.models.retrieval.autocorrelation import taper
 
-Answer = Literal["works", "needs frames", "cannot", "no speckle"]
+Answer = Literal["works", "needs frames", "cannot", "no speckle", "coherent object"]
 
 _SEEN = 1024  # pixels along a side that are looked at, at most
 _EVEN = 1e-9  # of the mean
@@ -58,7 +58,9 @@ _NINETIETH = 1.6449
 _MOST_FRAMES = 4096
 _EDGE = 12.0  # 2 ln of likelihoods from which on the band's edge is seen
 _BIAS = 0.02  # of ln grain: Hann's window widens the edge
-_ONE_PATTERN, _ONE_GRAIN = 0.7, 1.5  # variance and extent in grains of the speckle of a point, or of a coherent object
+_ONE_FIELD = 0.55  # variance over the mean squared: between that of two equal points, 0.5, and of one field, 1
+_LAWFUL = 2.0  # evidence of the law up to which a frame may be of one field; pictures of two brightnesses have 2.3
+_UNSMOOTH = 25.0  # evidence of edges, places and few patches: frames of coherent-digits have up to 22, drawn digits 38
 _RESOLVED = 2.05  # pixels in a grain
 _SIGNAL = 0.02  # of the mean: contrast below which an image is even
 _ALONE = 6.0  # standard deviations of white noise, from which on neighbouring pixels are alike
@@ -83,11 +85,12 @@ class PhotographVerdict(Pictured):
     Attributes
     ----------
     answer : str
-        "works", "needs frames", "cannot" or "no speckle".
+        "works", "needs frames", "cannot", "no speckle", or "coherent object": the speckle of one field, as of a
+        modulator in laser light or of a single point, of which phase retrieval makes nothing.
     probability : float
-        That phase retrieval comes to a Pearson correlation above 0.8, of these frames, if they are speckle; 0 of what
-        is seen to be none: most pictures, but not noise that was blurred. Shares that were right:
-        docs/notes/measured.md.
+        That phase retrieval comes to a Pearson correlation above 0.8, of these frames, if they are speckle; 0 of
+        coherent objects, and of what is seen to be none: most pictures, but not noise that was blurred. Shares that
+        were right: docs/notes/measured.md.
     interval : (float, float)
         Where that share lies for nine scenes of ten that look alike.
     frames_needed : int or None
@@ -161,8 +164,8 @@ class PhotographVerdict(Pictured):
         """The judgement in one line."""
         low, high = self.interval
         sure = f"success probability {self.probability:.2f} ({low:.2f} to {high:.2f})"
-        if self.answer == "no speckle":
-            return "no speckle: " + "; ".join(each.numbers for each in self.reasons)
+        if self.answer in ("no speckle", "coherent object"):
+            return f"{self.answer}: " + "; ".join(each.numbers for each in self.reasons)
         if self.answer == "works":
             return f"works: {sure}"
         if self.answer == "needs frames":
@@ -275,8 +278,11 @@ def judge_photograph(
     probability = float(share(np.array(value), _SCATTER))
     against = _against(evidence)
     answer: Answer = "works" if value >= 0 else "needs frames" if needed is not None else "cannot"
+    if coherent := _is_one_field(evidence, variance):
+        against = (_one_field(float(np.sqrt(variance))),)
     if against:
         answer, probability, (low, high), needed, reasons = "no speckle", 0.0, (0.0, 0.0), None, against
+        answer = "coherent object" if coherent else answer
     elif min(band.grain) < _RESOLVED or (band.edge < _EDGE and min(band.grain) < 1.2 * _RESOLVED):
         small = Reason("speckle too fine for the pixels", f"speckle size about {min(band.grain):.2g} pixels",
                        "a smaller aperture, a longer distance to the camera, or smaller pixels")  # fmt: skip
@@ -287,11 +293,6 @@ def judge_photograph(
         assumed.append('even light: this measurement was read without an envelope (envelope="fit" fits one)')
     if not against:
         assumed.append("that it is speckle: blurred noise and some pictures pass the test")
-    if not against and variance > _ONE_PATTERN and extent < _ONE_GRAIN:
-        assumed.append("that it is a point or an incoherent object: speckle of a coherent object, such as a "
-                       "modulator in "
-                       "laser light, has this contrast too, and its autocorrelation is not that "
-                       "of the object")  # fmt: skip
     assumed.append("one wavelength, one polarisation, and an object within the memory effect: otherwise "
                    "contrast is lost")
     envelope = 1.0 if seen.envelope is None else float(seen.envelope.max() / seen.envelope.min())
@@ -526,6 +527,22 @@ def _wanting(variance: float, alike: float, apart: float) -> dict[str, float]:
     light = max(_SIGNAL / max(float(np.sqrt(variance)), _LITTLE), _ALONE / max(alike, _LITTLE))
     patches = _APART / max(apart, _LITTLE)
     return {"light": refusing * light if light > 1 else 0.0, "patches": refusing * patches if patches > 1 else 0.0}
+
+
+def _is_one_field(evidence: Mapping[str, float], variance: float) -> bool:
+    """Return whether frames are speckle of a single field, whose ballistic light may have edges and differ by place."""
+    uneven = float(np.linalg.norm([evidence[name] for name in ("places", "edges", "patches")]))
+    lawful = max(evidence["law"], evidence["frequencies"]) < _LAWFUL and not evidence["light"]
+    return variance > _ONE_FIELD and lawful and uneven < _UNSMOOTH
+
+
+def _one_field(contrast: float) -> Reason:
+    """Say that fields have added and not intensities, and what can be done."""
+    return Reason(
+        "coherent object", f"contrast {contrast:.2g} is that of one field, whose autocorrelation is not the object's",
+        "for an object in laser light train a network, as by `specklegen train coherent-digits --network unet --input "
+        "camera --loss pearson`; for a hidden object that shines incoherently, check that it is more than one point",
+    )  # fmt: skip
 
 
 def _against(evidence: dict[str, float]) -> tuple[Reason, ...]:

@@ -33,10 +33,11 @@ def benchmark(
     as_json: AsJson = False,
 ) -> None:
     """Score reconstruction functions on frozen tasks: unseen media, noise, thin media, motion, beyond the range."""
-    from specklegen.models.judging.tasks import TASKS, VERSION, complete_run, task
+    from specklegen.models.judging.tasks import GLASSES, TASKS, VERSION, complete_run, task
 
     if listed:
-        rows = [{"version": VERSION, "task": t.name, "asks": t.asks, "fingerprint": t.fingerprint} for t in TASKS]
+        rows = [{"version": VERSION, "task": t.name, "asks": t.asks, "fingerprint": t.fingerprint}
+                for t in (*TASKS, *GLASSES)]  # fmt: skip
         if as_json:
             echo_json(rows)
         else:

@@ -10,6 +10,7 @@ from specklegen.core.registry import import_paths
 
 if TYPE_CHECKING:
     from specklegen.datasets import Recipe
+    from specklegen.datasets.recipes.coherent_object import CoherentObjects
     from specklegen.datasets.recipes.hidden_object import HiddenObject
 
 
@@ -81,13 +82,33 @@ def load_hidden(
     recipe: str, changes: list[str] | None, images: Path | None = None, objects: str | None = None
 ) -> "HiddenObject":
     """Read a recipe that hides objects."""
+    from specklegen.datasets.recipes.coherent_object import CoherentObjects
     from specklegen.datasets.recipes.hidden_object import HiddenObject
 
     loaded = load(recipe, changes, images, objects)
+    if isinstance(loaded, CoherentObjects):
+        reject("recipe", "one whose objects shine incoherently", f"{recipe}, of coherent objects", COHERENT)
     if not isinstance(loaded, HiddenObject):
         reject("recipe", "a recipe with hidden objects", recipe,
                "Choose one of kind hidden-object: `specklegen recipes --all --json` lists kinds.")  # fmt: skip
     return loaded
+
+
+COHERENT = (
+    "The autocorrelation of coherent speckle is not that of the object, so phase retrieval does not apply: train a "
+    "network, as by `specklegen train coherent-digits --network unet --input camera --loss pearson`."
+)
+"""Remedy where a coherent object is to be reconstructed from its autocorrelation."""
+
+
+def load_objects(
+    recipe: str, changes: list[str] | None, images: Path | None = None, objects: str | None = None
+) -> "HiddenObject | CoherentObjects":
+    """Read a recipe whose samples have an image and an object: hidden ones, or coherent ones."""
+    from specklegen.datasets.recipes.coherent_object import CoherentObjects
+
+    loaded = load(recipe, changes, images, objects)
+    return loaded if isinstance(loaded, CoherentObjects) else load_hidden(recipe, changes, images, objects)
 
 
 def is_store(what: str) -> bool:

@@ -9,7 +9,7 @@ import typer
 from specklegen.cli.failures import exit_status
 from specklegen.cli.judging import MOST_KEPT, closed
 from specklegen.cli.output import require_left_out, writable
-from specklegen.cli.recipe_options import Images, Objects, RecipeOrStore, Set, is_store, load, load_hidden
+from specklegen.cli.recipe_options import Images, Objects, RecipeOrStore, Set, is_store, load, load_objects
 from specklegen.cli.settings import Fields, option
 from specklegen.core.devices import checked_device
 from specklegen.core.errors import counted, reject
@@ -106,7 +106,7 @@ def train(
         material = _of_stores(Path(what), validation, settings)
     else:
         require_left_out("train", "with a recipe, whose validation split is used", validation=validation)
-        recipe = (load_hidden if settings.of_objects else load)(what, changes, images, objects)
+        recipe = (load_objects if settings.of_objects else load)(what, changes, images, objects)
         until = None if seconds is None else begun + _PREPARING * seconds
         if law and settings.input != "periodogram":
             reject("train --input", "periodogram with --law, which draws only periodograms", settings.input)
@@ -237,7 +237,8 @@ def _methods(recipe: "Recipe | None", settings: "Training", seconds: float | Non
 
     if recipe is None:
         return methods_beside(None, seed, None)
-    assert isinstance(recipe, HiddenObject)
+    if not isinstance(recipe, HiddenObject):  # coherent objects have no autocorrelation of their own
+        return {}
     return methods_beside(recipe, seed, load_solver()) if "image" in recipe.images_layout() else {}
 
 

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from specklegen.cli import commands
 from specklegen.core.errors import RuleError
-from specklegen.models.judging.tasks import TASKS
+from specklegen.models.judging.tasks import GLASSES, TASKS
 
 MINE = """
 import torch
@@ -33,9 +33,9 @@ def mine(tmp_path):
 
 
 def test_the_tasks_are_listed():
-    assert all(each.name in run("--list").output for each in TASKS)
+    assert all(each.name in run("--list").output for each in (*TASKS, *GLASSES))
     rows = json.loads(run("--list", "--json").output)
-    assert [row["fingerprint"] for row in rows] == [each.fingerprint for each in TASKS]
+    assert [row["fingerprint"] for row in rows] == [each.fingerprint for each in (*TASKS, *GLASSES)]
 
 
 def test_a_function_of_a_file_is_scored(mine, tmp_path):

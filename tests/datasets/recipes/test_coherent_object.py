@@ -3,18 +3,25 @@
 import numpy as np
 import pytest
 import torch
+from typer.testing import CliRunner
 
 import specklegen as sg
+from specklegen.cli.commands import app
 from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.generator import SpeckleGenerator
+from specklegen.models import judge_photograph
+from specklegen.models.learning.networks import build, parameter_count
+from specklegen.models.learning.run import read_log
 from tests.refusals import assert_refused
 from tests.zscore import assert_mean, refute_mean
 
 SMALL = {"camera": {"shape": [32, 32]}, "objects": {"shape": [10, 10]}, "window": {"width": 1080.0}}
+GLASS = {"material": {"wavelength": 0.633, "screens": [{"type": "GroundGlass", "angle": 0.2}]}}  # no ballistic light
 
 
 def recipe(name="coherent-digits", **changes):
-    return load_recipe(name, {**SMALL, **changes})
+    glass = {} if name == "coherent-slab" else GLASS
+    return load_recipe(name, {**SMALL, **glass, **changes})
 
 
 def batch(made, split="train", numbers=range(48)):
@@ -145,31 +152,49 @@ def test_refused(changes, message):
 
 
 def test_lengths_have_units():
-    made = recipe(object={"pitch": "0.072 mm", "distance": "2 cm"}, window={"width": "1.08 mm"})
-    assert (made.object.pitch, made.object.distance) == (72.0, 20000.0)
-    assert made.fingerprint() == recipe().fingerprint()
+    lengths = {"object": {"pitch": "0.072 mm", "distance": "23 cm"}, "window": {"width": "2.16 mm"}}
+    made = load_recipe("coherent-digits", {**lengths, "material": {"wavelength": "0.633 um"}})
+    assert (made.object.pitch, made.object.distance) == (72.0, 230000.0)
+    assert made.fingerprint() == load_recipe("coherent-digits").fingerprint()
 
 
-def test_a_u_net_learns_from_the_stream(tmp_path):
-    """Camera images of the recipe go into the U-Net as they are, and its loss on what it has seen falls."""
-    from specklegen.models.learning.examples import examples
-    from specklegen.models.learning.training import Training, train
-
-    made = recipe(media=1)
-    data = examples(made, "camera", 32)
-    assert data.inputs.shape == (32, 2, 32, 32)
-    rows = []
-    train(Training(network="unet", width=8, batch_size=16, epochs=6, learning_rate=3e-3), data,
-          examples(made, "camera", 16, split="validation"), tmp_path, progress=rows.append)  # fmt: skip
-    losses = [row["train_loss"] for row in rows]
+@pytest.mark.parametrize(("network", "kind"), [("unet", "camera"), ("residual", "autocorrelation")])
+def test_networks_learn_by_the_command(network, kind, tmp_path):
+    """A U-Net on the image and a network on the autocorrelation: the loss on what they see falls."""
+    changes = ["camera.shape=[64,64]", "media=1", "samples.train=64"]
+    told = CliRunner().invoke(app, [
+        "train", "coherent-digits", *(word for each in changes for word in ("--set", each)), "--network", network,
+        "--input", kind, "--loss", "pearson", "--width", "8", "--epochs", "4", "--batch-size", "16",
+        "--validation-samples", "8", "--out", str(tmp_path),
+    ])  # fmt: skip
+    assert told.exit_code == 0, told.output
+    losses = [row["train_loss"] for row in read_log(tmp_path)]
     assert losses[-1] < losses[0]
 
 
-def test_frames_of_coherent_objects_are_named_and_others_are_not():
-    """Of a frame of contrast 1 it is said that it may be of a coherent object, of a hidden character's it is not."""
-    from specklegen.models import judge_photograph
+def test_networks_of_the_page_have_half_a_million_numbers_and_more():
+    counts = [parameter_count(build(name, side, (28, 28), width, 0)) for name, side, width in
+              (("unet", 128, 20), ("unet", 128, 32), ("residual", 64, 8))]  # fmt: skip
+    assert all(400_000 <= count <= 2_000_000 for count in counts), counts
 
-    coherent = load_recipe("coherent-digits").sample(0, "train", 0)["image"]
-    incoherent = load_recipe("ground-glass").sample(0, "train", 0)["image"]
-    named = [any("coherent object" in each for each in judge_photograph(one).assumed) for one in (coherent, incoherent)]
-    assert named == [True, False]
+
+def test_reconstruction_from_the_autocorrelation_is_refused():
+    for command in (["check", "recoverable", "coherent-digits"], ["reconstruct", "x.tif", "--setup", "coherent-slab"]):
+        told = CliRunner().invoke(app, command)
+        assert told.exit_code != 0
+        assert "of coherent objects" in str(told.exception) + told.output
+
+
+def test_frames_of_coherent_objects_are_recognised_and_others_are_not():
+    """Contrast near 1 is that of one field: five frames of each of three recipes, and none of eight others."""
+    for name in ("coherent-digits", "coherent-phase", "coherent-slab"):
+        for n in range(5):
+            found = judge_photograph(load_recipe(name).sample(1, "test", n)["image"])
+            assert found.answer == "coherent object", (name, n, found.evidence)
+            assert found.probability == 0
+            assert "specklegen train coherent-digits" in found.reasons[0].remedy
+    for name in ("through-slab", "ground-glass", "unknown-slab", "any-object", "points-beyond-range",
+                 "beyond-memory-effect", "double-diffuser", "moving-diffuser"):  # fmt: skip
+        sample = load_recipe(name).sample(1, "test", 0)
+        image = sample["image"] if "image" in sample else sample["frames"][0]
+        assert judge_photograph(image).answer != "coherent object", name

@@ -14,6 +14,7 @@ from zscore import limit
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets.loading.stream import tensors
+from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.models import benchmark
 from specklegen.models.judging import baselines
 from specklegen.models.judging.benchmark import BASELINES, TOLD, blinded
@@ -21,7 +22,7 @@ from specklegen.models.judging.chance import above_chance
 from specklegen.models.judging.fitted import fitted
 from specklegen.models.judging.isolation import Limits
 from specklegen.models.judging.results import DIGITS, SHOWN
-from specklegen.models.judging.tasks import SAMPLES, SEED, TASKS, VERSION, digest, task
+from specklegen.models.judging.tasks import GLASSES, SAMPLES, SEED, TASKS, VERSION, digest, task
 from specklegen.models.learning.reconstructor import load_pretrained
 from specklegen.models.metrics import align, pearson
 
@@ -335,3 +336,30 @@ def test_several_objects_are_seen_together_and_one_image_of_a_medium_says_nothin
     scores = np.array([[float(pearson(align(made, light), light)) for light in objects] for made in answer[:4]])
     assert np.diag(scores).min() > 0.8
     assert np.diag(scores).min() > (scores - np.eye(4)).max()
+
+
+def test_seen_and_unseen_glasses_are_asked_by_name_and_scored_in_place():
+    """Digits are the same, glasses are not; a turned answer counts as another one; chance stands beside."""
+    seen, unseen = (next(each.batches(range(12))) for each in GLASSES)
+    assert torch.equal(seen["object"], unseen["object"])
+    assert not torch.equal(seen["image"], unseen["image"])
+    glasses = SpeckleGenerator(GLASSES[0].recipe(), SEED, "train", objects="test")
+    glasses.shown = glasses.drawn  # the objects of training behind them are its samples
+    assert np.array_equal(glasses([3])["image"], GLASSES[0].recipe().batch(SEED, "train", [3])["image"])
+    known = {each["image"].sum().item(): obj for one in (seen, unseen) for each, obj in
+             (({"image": image}, obj) for image, obj in zip(one["image"], one["object"], strict=True))}  # fmt: skip
+
+    def right(batch):
+        assert "memory_effect" not in batch
+        assert not batch["object"].any()
+        return torch.stack([known[image.sum().item()] for image in batch["image"]])
+
+    found = benchmark({"right": right, "turned": lambda batch: right(batch).flip((-2, -1))},
+                      baselines=["mean image", "Katz"], tasks=[each.name for each in GLASSES], samples=12,
+                      limits=None)  # fmt: skip
+    for each in GLASSES:
+        assert found.interval("right", each.name).mean == pytest.approx(1, abs=1e-5)
+        assert found.interval("turned", each.name).mean < 0.9
+        assert found.chance("right", each.name) < 0.9
+        assert found.chance("mean image", each.name) == pytest.approx(found.interval("mean image", each.name).mean)
+    assert not {each.name for each in GLASSES} & {each.name for each in TASKS}
