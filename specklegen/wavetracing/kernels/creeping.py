@@ -1,4 +1,4 @@
-"""Waves at smooth convex bodies: what they reflect, and what creeps around them into their shadow.
+"""Waves at smooth convex bodies: waves reflected, and waves that creep around them into their shadow.
 
 A body is a mesh with smooth sides. If it hides P from S, a string is drawn tight around it in each half plane that ends
 at the line from S to P; strings of stationary length are the creeping rays. At each side that a string touches it turns
