@@ -1,7 +1,7 @@
 """Where the tests find things, and the slabs and scenes that many of them share."""
 
 import sys
-from importlib import import_module
+from importlib import import_module, util
 from pathlib import Path
 from types import ModuleType
 
@@ -33,6 +33,16 @@ def flat_box(lights, sensor, *, half=10.0, mean_free_path=10.0, scatterer=ISOTRO
 
 def views(degrees):
     return sg.FarField.angles(np.deg2rad(np.asarray(degrees, float)))
+
+
+def script_at(path: str) -> ModuleType:
+    """Import a file of the repository that is part of no package, afresh."""
+    spec = util.spec_from_file_location(Path(path).stem, ROOT / path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def of_the_figures(name: str) -> ModuleType:

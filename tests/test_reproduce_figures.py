@@ -1,25 +1,17 @@
 """Every set of figures can be imported and drawn by its name."""
 
-import importlib.util
 import inspect
 import re
 import sys
 from pathlib import Path
 
 import pytest
-from scenes import ROOT
-
-SCRIPT = ROOT / "scripts" / "reproduce_figures.py"
+from scenes import ROOT, script_at
 
 
 @pytest.fixture(scope="module")
 def script():
-    spec = importlib.util.spec_from_file_location("reproduce_figures", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script_at("scripts/reproduce_figures.py")
 
 
 def test_every_set_is_drawn_by_out_and_quick(script):

@@ -1,20 +1,15 @@
 """The script that compares the engine with the wave solver."""
 
-import importlib.util
-
 import numpy as np
 import pytest
-from scenes import ROOT
+from scenes import ROOT, script_at
 
 STORED = ROOT / "tests" / "data" / "wave_solver_2d_od2.npz"
 
 
 @pytest.fixture(scope="module")
 def script():
-    spec = importlib.util.spec_from_file_location("validate", ROOT / "tests" / "validate_wave_solver.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script_at("tests/validate_wave_solver.py")
 
 
 def test_stored_results_agree_with_themselves(script, tmp_path, capsys):

@@ -1,19 +1,14 @@
 """The script that measures what focused sources are worth: walks moved to the light estimate what even starts do."""
 
-import importlib.util
-
 import numpy as np
 import pytest
-from scenes import ROOT
+from scenes import script_at
 from zscore import assert_z, refute_z
 
 
 @pytest.fixture(scope="module")
 def script():
-    spec = importlib.util.spec_from_file_location("focused_sources", ROOT / "scripts" / "focused_sources.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script_at("scripts/focused_sources.py")
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 from fake_recipe import FakeRecipe, Mortal
+from small_stores import contents
 
 pytest.importorskip("distributed", reason="the extra dask is not installed")
 
@@ -57,12 +58,6 @@ def within(seconds, function, *arguments, **options):
 def make(folder, recipe=None, **options):
     settings = {"samples": SAMPLES, "shard_samples": SHARD} | options
     return within(TIMEOUT, generate, recipe or FakeRecipe(), folder=folder, **settings)
-
-
-def contents(folder):
-    """Return every file of a store but the claims, by its path."""
-    files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.name != "locks"]
-    return {str(file.relative_to(folder)): file.read_bytes() for file in files}
 
 
 def shards_there(folder):

@@ -1,13 +1,12 @@
 """Images of waves that come with the package: those that the script makes, and what the mapping says of their media."""
 
-import importlib.util
 from importlib.resources import files
 
 import numpy as np
 import pytest
 import torch
 from refusals import assert_refused
-from scenes import ROOT
+from scenes import script_at
 from zscore import assert_mean, refute_mean
 
 import specklegen as sg
@@ -19,10 +18,7 @@ from specklegen.models.judging.tasks import task
 
 @pytest.fixture(scope="module")
 def script():
-    stated = importlib.util.spec_from_file_location("make_wave_images", ROOT / "scripts/build/make_wave_images.py")
-    module = importlib.util.module_from_spec(stated)
-    stated.loader.exec_module(module)
-    return module
+    return script_at("scripts/build/make_wave_images.py")
 
 
 @pytest.fixture(scope="module")

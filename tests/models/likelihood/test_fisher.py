@@ -1,11 +1,9 @@
 """Fisher information of objects: by numerical derivatives, by the scatter of fits, by the scores of literal speckle."""
 
-import importlib.util
-
 import numpy as np
 import pytest
 import torch
-from scenes import ROOT
+from scenes import script_at
 from scipy.stats import chi2
 from zscore import assert_mean, refute_mean
 
@@ -78,10 +76,7 @@ def test_fits_scatter_as_the_information_says():
 
 @pytest.fixture(scope="module")
 def whitened_scores():
-    spec = importlib.util.spec_from_file_location("score_scatter", ROOT / "scripts" / "score_scatter.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.whitened_scores
+    return script_at("scripts/score_scatter.py").whitened_scores
 
 
 @pytest.mark.parametrize(("side", "factor", "slack"),

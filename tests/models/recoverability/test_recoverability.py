@@ -1,13 +1,12 @@
 """When phase retrieval works: the residual's physics, the fit derived again, reasons, and the command."""
 
 import csv
-import importlib.util
 import json
 
 import numpy as np
 import pytest
 from refusals import assert_refused
-from scenes import ROOT
+from scenes import ROOT, script_at
 from scipy.integrate import quad
 from scipy.stats import binom, binomtest, norm
 from typer.testing import CliRunner
@@ -45,16 +44,7 @@ RECIPES = ROOT / "tests/data/recoverability_recipes.csv"
 CHEAP = {"material": {"kernel_paths": 1000, "kernel": "estimate"}}
 
 
-def _script():
-    spec = importlib.util.spec_from_file_location("fit_recoverability", ROOT / "scripts/build/fit_recoverability.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-fit = _script()
+fit = script_at("scripts/build/fit_recoverability.py")
 
 
 def objects(count=6, side=18, seed=0):
