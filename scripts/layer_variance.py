@@ -1,18 +1,21 @@
 """Variance of memory effects of layers of unlike phase functions, beside a literal walk's (docs/physics.md 2).
 
-    python scripts/layer_variance.py [upper g,lower g ...]
+    python scripts/layer_variance.py rows.csv [upper g,lower g ...]  # half an hour of one core for all pairs
 
 The walk is written from [Bar19] sec. 6 and docs/polarisation.md alone: photons of one weight, one after the other, that
 are connected to the view at every collision. Its polarised light is a real vector, whose part along each new direction
 is taken away; angles are drawn by rejection. Both give C_I along the axis at q = 1 over the thickness. Prints variance
 times paths of the walk, times how much ours is, the standard error of this factor, and z of the difference. Variances
 are means over eight seeds of what a jackknife says. Behind phase functions of g = 0.95 and more they rest on single
-connections: rows above 3 are measured again by 64 other seeds.
+connections: rows above 3 are measured again by 32 other seeds. Rows go to a file, and those that it has are not
+measured again. Last comes the table of docs/notes/physics.md: the largest factor of each pair.
 """
 
+import argparse
+import csv
 import math
-import sys
 from itertools import permutations, product
+from pathlib import Path
 
 import numpy as np
 from numba import njit
@@ -26,8 +29,9 @@ from specklegen.paths import rare_paths
 ANISOTROPIES = (-0.3, 0.0, 0.5, 0.8, 0.95, 0.98)
 DEPTHS = ((0.5, 0.5), (3.0, 4.0), (10.0, 1.0), (1.0, 10.0))
 THICKNESS = 1e5  # of each layer, in wavelengths: so many that lobes are wide beside tilts
-PATHS, SEEDS, MORE_SEEDS = BATCHES * 150, 8, 64
+PATHS, SEEDS, MORE_SEEDS = BATCHES * 150, 8, 32
 DOUBTFUL = 3.0
+MODES, LIGHTS = ("transmission", "reflection"), ("scalar", "polarised")
 
 
 @njit(cache=True)
@@ -125,18 +129,53 @@ def compared(depths, g, mode: str, polarised: bool, seeds: range) -> tuple[float
     return literally, found / literally, noise * found / literally, (own[0] - walk[0]).mean() / spread
 
 
+def measured(rows: Path) -> dict[tuple[str, ...], list[float]]:
+    """Return what a file holds: factor, error, walk's variance and z, by pair, split, side and kind of light."""
+    if not rows.exists():
+        return {}
+    with rows.open(newline="") as lines:
+        return {tuple(line[:6]): [float(each) for each in line[6:]] for line in csv.reader(lines)}
+
+
+def print_table(found: dict[tuple[str, ...], list[float]]) -> None:
+    """Print the largest factor of the splits of each pair and both kinds of light, upper g down, lower g across.
+
+    Of rows whose error is at most half of the factor: the others rest on single connections.
+    """
+    for side in MODES:
+        of_side = {key: row for key, row in found.items() if key[4] == side}
+        known = {key: row for key, row in of_side.items() if row[2] <= row[1] / 2}
+        medians = (f"{light} {np.median([row[1] for key, row in known.items() if key[5] == light]):.1f}"
+                   for light in LIGHTS)  # fmt: skip
+        print(f"\n{side}: {len(known)} of {len(of_side)} rows are known to a half; medians: {', '.join(medians)}\n")
+        print("| g above, below | " + " | ".join(f"{g:g}" for g in ANISOTROPIES) + " |\n" + "|---" * 7 + "|")
+        for above in ANISOTROPIES:
+            worst = [max((row[1:3] for key, row in known.items() if key[:2] == (str(above), str(g))), default=None)
+                     for g in ANISOTROPIES]  # fmt: skip
+            cells = ("{:.1f} ± {:.1f}".format(*each) if each else "" for each in worst)
+            print(f"| {above:g} | " + " | ".join(cells) + " |")
+
+
 def main() -> None:
-    """Print a row for each pair, split, side and kind of light."""
+    """Measure the rows that a file lacks, and once more those that are too large to believe; print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("rows", type=Path, help="CSV file of rows; new ones are added")
+    parser.add_argument("pairs", nargs="*", help="upper g,lower g; by default all; none: the table alone")
+    arguments = parser.parse_args()
     # As the batches scatter: no allowance for heavy tails, none for what rare paths are expected to carry.
     statistics.tail_factor, statistics._BEND, rare_paths.FEW = (lambda left: 1.0), 0.0, 0.0
-    pairs = [tuple(map(float, each.split(","))) for each in sys.argv[1:]] or list(permutations(ANISOTROPIES, 2))
-    for g in pairs:
-        for depths, mode, polarised in product(DEPTHS, ("transmission", "reflection"), (False, True)):
-            found = compared(depths, g, mode, polarised, range(1, 1 + SEEDS))
-            if found[1] > DOUBTFUL:
-                found = compared(depths, g, mode, polarised, range(1 + SEEDS, 1 + SEEDS + MORE_SEEDS))
-            print(*g, *depths, mode, "polarised" if polarised else "scalar",
-                  "{:8.3g} {:6.2f} {:6.2f} {:6.2f}".format(*found), flush=True)  # fmt: skip
+    pairs = [tuple(map(float, each.split(","))) for each in arguments.pairs if each != "none"]
+    pairs = pairs or ([] if arguments.pairs else list(permutations(ANISOTROPIES, 2)))
+    found = measured(arguments.rows)
+    for seeds in (range(1, 1 + SEEDS), range(1 + SEEDS, 1 + SEEDS + MORE_SEEDS)):
+        for g, depths, mode, light in product(pairs, DEPTHS, MODES, LIGHTS):
+            key = tuple(map(str, (*g, *depths, mode, light)))
+            if key in found and not (found[key][1] > DOUBTFUL and found[key][4] < len(seeds)):
+                continue
+            found[key] = [*compared(depths, g, mode, light == "polarised", seeds), len(seeds)]
+            with arguments.rows.open("a") as lines:
+                lines.write(",".join((*key, *(f"{each:.3g}" for each in found[key]))) + "\n")
+    print_table(found)
 
 
 if __name__ == "__main__":
