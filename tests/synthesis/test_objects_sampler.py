@@ -108,7 +108,7 @@ def test_modes_of_many_pixels_say_their_seconds_before_they_are_made(monkeypatch
     def stop(*_):
         raise Begun
 
-    monkeypatch.setattr(imaging, "speckle_variance", stop)
+    monkeypatch.setattr(imaging, "memory", stop)
     for side, said in ((500, 0), (5000, 1)):
         caplog.clear()
         with pytest.raises(Begun):
