@@ -702,9 +702,19 @@ def paths_between(views, point, graph, tree, rules, values, met):
                 p_up, q_up = _moved(p, across, up * graph.raised), _moved(q, other, upper * graph.raised)
                 cosine = _dot(_image(graph.images[graph.legs[b, 2]], across, 0.0), other)
                 way.through[0], way.through[1] = passed
-                if (on_one and on_two and not cosine * up * upper > 0.5) or not _leg_clear(
-                    p_up, q_up, low + 1, mid, at_one + at_two, -1.0, way, graph, tree
-                ):
+                if on_one and on_two and not cosine * up * upper > 0.5:
+                    continue
+                around = at_one + at_two
+                clear = _leg_clear(p_up, q_up, low + 1, mid, around, -1.0, way, graph, tree)
+                for aside in range(6 if mid > low + 1 and not clear else 0):
+                    # A mirror met at its very border: beside it, so that rounding does not decide, nor the direction.
+                    if not clear:
+                        way.through[0], way.through[1] = passed
+                        shift = 0.01 * graph.raised * (1.0 if aside < 3 else -1.0)
+                        moved = (shift * (aside % 3 == 0), shift * (aside % 3 == 1), shift * (aside % 3 == 2))
+                        one_up, two_up = _moved(p_up, moved, 1.0), _moved(q_up, moved, 1.0)
+                        clear = _leg_clear(one_up, two_up, low + 1, mid, around, -1.0, way, graph, tree)
+                if not clear:
                     continue
                 first = _bend(graph, e, phi, view[0], view[1] / r, weights)
                 second = _bend(graph, f, psi, image[0], image[1] / z, others)
