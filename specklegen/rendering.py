@@ -192,8 +192,8 @@ def render(
 
     A seed names a medium only within one scene and plan: tilts and views that shall see the same medium belong into
     one call. Under another set of tilts or views the same seed draws nearly the same medium by path sums (0.985
-    to 0.999 correlated with one tilt more, as pilots choose other connections), and an unrelated one by the stationary
-    sampler (0.05), whose random numbers are mixed over all tilts together.
+    to 0.999 correlated with one tilt more, as pilots choose other connections); it draws an unrelated one by the
+    stationary sampler (0.05), whose random numbers are mixed over all tilts together.
 
     Parameters
     ----------

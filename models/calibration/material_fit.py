@@ -2,9 +2,9 @@
 
 Of a slab, least squares in logarithms of thickness, optical depth, 1 - g and diffusion, and in -ln albedo, over all
 observations at once; of any model, in its own free numbers (:mod:`specklegen.models.calibration.model_fit`). Where a
-valley is curved, pulls of a covariance claim too much: intervals are those of profiles, the values at which the least
-chi squared with that value held has risen by as much as at the truth of drawn data (Hall, *The Bootstrap and Edgeworth
-Expansion* (1992), chapter 1), at least by the quantile of chi squared of one degree.
+valley is curved, pulls of a covariance claim too much: intervals are those of profiles; these are the values at which
+the least chi squared with that value held has risen by as much as at the truth of drawn data (Hall, *The Bootstrap and
+Edgeworth Expansion* (1992), chapter 1); at least by the quantile of chi squared of one degree.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ P exactly that of a finite frame (:mod:`specklegen.models.likelihood.spectrum`).
 Whittle's likelihood of all tiles' periodograms I, sum log S + I / S, is the greatest at the numbers that are stated; of
 the shapes of an aperture, that one is stated whose likelihood is greatest. Intensities of speckle are no Gaussian
 numbers: the likelihood's own curvature claims too much. Standard errors are those of its scores' scatter from tile to
-tile (White, *Econometrica* 50, 1 (1982)), intervals Student's, and shapes are distinguished by the scatter of the
+tile (White, *Econometrica* 50, 1 (1982)); intervals are Student's; shapes are distinguished by the scatter of the
 tiles' ratios of likelihoods (Vuong, *Econometrica* 57, 307 (1989)).
 
 A target in place of the point has its autocorrelation in P, less and less of it at distances beyond the memory-effect

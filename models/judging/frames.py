@@ -2,7 +2,7 @@
 
 Their authors state no licence, so nothing of them comes with the package: a user fetches them by ``specklegen check
 measured get hidden-shapes``, and every file is held against its digest. Nobody has said how large the shapes are on the
-camera, nor which way up, so a score is of the best of all sizes, quarter turns and mirror images of the shape as it is
+camera, nor which way up; so a score is of the best of all sizes, quarter turns and mirror images of the shape as it is
 printed in DejaVu Sans; chance has the same choice. It is of the whole frame: what an answer shows beside a small shape
 counts.
 """

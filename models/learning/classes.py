@@ -1,8 +1,8 @@
 """Class of an object from one camera image, by the law of images, without training or rendering.
 
 A recipe says which objects and materials there may be. Of many of them, drawn from its training split, the mean
-periodogram S follows in closed form (:mod:`specklegen.models.likelihood.spectrum`), in a fraction of the time that an
-image takes, and each explains an image so well (Whittle 1953)
+periodogram S follows in closed form (:mod:`specklegen.models.likelihood.spectrum`); that takes a fraction of the time
+that an image takes, and each explains an image so well (Whittle 1953)
 
     log L = -looks * [ n log(mean of I / S) + sum log S ],     n frequencies, the brightness that fits best put in.
 

@@ -7,7 +7,7 @@ clock on the wall, and count everything: reading or rendering, learning, validat
 
 Files in the folder of a run: ``run.json`` (settings and data; nothing else goes on with the run), ``checkpoint.pt``
 (all that is needed to go on: after each epoch, every few minutes, on Ctrl-C and SIGTERM, and where the data fail),
-``best.pt`` (the model with the best score on validation media, of objects the Pearson correlation), ``log.csv``,
+``best.pt`` (the model with the best score on validation media, of objects the Pearson correlation); ``log.csv``;
 ``owner`` (which process began last).
 """
 

@@ -7,7 +7,7 @@ Automatica 14, 465 (1978)),
     cost = -log L(points) + count * log(places),
 
 -log L less what it is expected to be of the true object. From a first image whose brightest places are taken for
-points, every point is moved to its neighbours and to the places where the gradient says that light is missing, taken
+points; every point is moved to its neighbours and to the places where the gradient says that light is missing, taken
 away, or joined by another; of all these changes the best is made, until none is better. Searches that begin elsewhere
 may end elsewhere; the cheapest end counts. The true object has an excess of 0 with the spread of the log-likelihood,
 whatever it looks like: points that exceed it by far explain nothing.

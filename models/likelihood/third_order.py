@@ -2,7 +2,7 @@
 
 An object and the same turned by 180 degrees have one autocorrelation, so that neither lags nor the likelihood of
 periodograms can tell them apart. Speckle is skewed, though. Within the memory effect a camera sees the object turned,
-x(v) = sum_j o(j) s(v + j), and the bispectrum of the image is that of s, the speckle of one point, which has no phase,
+x(v) = sum_j o(j) s(v + j), and the bispectrum of the image is that of s, the speckle of one point; it has no phase;
 times O*(f) O*(g) O(f + g) of the object's transform O: of the turned object it is the conjugate. To lowest order in
 the skewness (Edgeworth's series; McCullagh, *Tensor Methods in Statistics*, 1987, chapter 5) the image x is the more
 probable the larger

@@ -5,8 +5,8 @@ that is moved over it, it is seen part by part, each through its own speckle; an
 a shift and a turn leave as it is. But spots that overlap see the same points, and their places are known: one object
 has to suit all exposures (Gardner, Divitt and Watnik, Applied Optics 58, 3564 (2019)).
 
-Two steps. From the moduli |O_n(f)|, that of f = 0 from the light of an exposure, by relaxed averaged alternating
-reflections between "every part has its modulus" and "all parts are of one object that is nowhere negative" (Luke,
+Two steps. From the moduli |O_n(f)|; that of f = 0 from the light of an exposure: by relaxed averaged alternating
+reflections between "every part has its modulus" and "all parts are of one object that is nowhere negative"; (Luke,
 Inverse Problems 21, 37 (2005)), from several starts. Then by the gradient of the likelihood (:mod:`likelihood`) of all
 exposures, which knows noise, grain, camera and C_I exactly, from the most probable of these.
 """

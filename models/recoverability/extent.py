@@ -21,9 +21,9 @@ l = D (1 - 1 / sqrt(p)).
 That R is the distance up to which lags are worth keeping. Of many points each pair is fainter than its lag's scatter,
 and not worth it; but hundreds of such lags have a mean square that is surely above the scatter's. So the farthest
 annulus is found, outer radius 1.6 times the inner one, whose mean square lies 3.5 standard errors above that. They are
-sqrt(2 / m) for a mean of m squares of Gaussian numbers, m the independent cells of lags in the annulus (each has the
-area sum_k rho(k)^2, rho the correlation of lags, again by Parseval's theorem), and those of the scatter itself, which
-a mean of squares of exponential numbers gives. The diameter is the outer radius of that annulus, or D, whichever
+sqrt(2 / m) for a mean of m squares of Gaussian numbers; m are the independent cells of lags in the annulus (each has
+the area sum_k rho(k)^2, rho the correlation of lags, again by Parseval's theorem); and those of the scatter itself,
+which a mean of squares of exponential numbers gives. The diameter is the outer radius of that annulus, or D, whichever
 is larger.
 """
 

@@ -1,15 +1,15 @@
 """Test that images are speckle of a setup at all: what a periodogram, and with it the likelihood, never looks at.
 
-The intensity behind an object that shines incoherently is a sum of squares of Gaussian fields, I = sum_i w_i |z_i|^2
+The intensity behind an object that shines incoherently is a sum of squares of Gaussian fields; I = sum_i w_i |z_i|^2
 with w_i > 0 of sum 1 (Goodman, *Speckle Phenomena in Optics*, 2007, sections 3.3 and 4.7). Four numbers are looked at:
 
 - *contrast*: c^2 = sum_i w_i^2, which a reconstruction predicts from its own spectrum; the likelihood fits brightness.
-- *law of intensities*: the skewness is 2 sum w^3 / c^3, and by Cauchy and Schwarz sum w^3 sum w >= (sum w^2)^2, so
-  that it is **at least 2 c** whatever the object, the slab, the window, and whatever weights >= 0 the image is averaged
+- *law of intensities*: the skewness is 2 sum w^3 / c^3, and by Cauchy and Schwarz sum w^3 sum w >= (sum w^2)^2;
+  so it is **at least 2 c** whatever the object, the slab, the window, and whatever weights >= 0 the image is averaged
   with. Of a Gaussian texture it is 0, of camera frames anything.
 - *bispectrum*: that of speckle of one point has no phase and is positive, that of the image is it times
   O(f) O(g) O*(f + g) of the object's transform O. So what is left of an image when the object is taken out of it is
-  skewed to the bright side, and if the object is taken the wrong way round it is, as measured, not skewed to the dark.
+  skewed to the bright side; if the object is taken the wrong way round it is, as measured, not skewed to the dark.
 - *deviance*: of the most probable image that was found.
 
 Each is stated in spreads of its own: the scatter of a finite image, and the error of a reconstruction that is not

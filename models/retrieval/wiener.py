@@ -1,6 +1,6 @@
 """Wiener's division of an autocorrelation by the memory effect: as much of it as noise allows.
 
-Behind a slab the lag l of an image has the value P(l) = C(l) R(l) + n(l), with R that of the object, C the memory
+Behind a slab the lag l of an image has the value P(l) = C(l) R(l) + n(l); R is that of the object, C the memory
 effect, and noise n of the variance s^2 = sum_l P^2 / pixels (Bartlett, J. Royal Stat. Soc. Suppl. 8, 27, 1946). The
 estimate of R with the least mean square error is (Wiener 1949)
 

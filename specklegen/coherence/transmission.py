@@ -5,7 +5,7 @@
 Every column comes from the same medium: the same paths and the same random phases. The basis is that of the
 engine, collimated beams of unit irradiance through one window of the entrance face (tilts). It is complete: an
 amplitude on the face of a window of side W is a Fourier series in beams whose sines are whole multiples of
-wavelength / W (`face_beams`, `face_modes`), and coherent modes of a source of beams are superpositions of
+wavelength / W (`face_beams`, `face_modes`); coherent modes of a source of beams are superpositions of
 them (`source_modes`). A partially coherent image is
 
     I = sum_k lambda_k |T phi_k|^2 = intensity_from_modes(T.value, modes, eigenvalues).

@@ -3,7 +3,7 @@
 In speckle a bright pixel is nothing strange. But fields are Gaussian, and so given its neighbours a pixel's intensity
 is that of a Gaussian field about some mean: whatever the size of the grains, what it is above the best linear
 prediction from its neighbours has an exponential tail at most (Goodman, *Speckle Phenomena in Optics*, 2007, section
-3.2), which is wider where the light is brighter. That tail, read off between two quantiles among pixels of equally
+3.2): it is wider where the light is brighter. That tail, read off between two quantiles among pixels of equally
 bright neighbours, says which step hardly any pixel of an image would take. Camera noise has shorter tails.
 """
 

@@ -1,7 +1,7 @@
 """Laboratory geometry: distances, pixels and an aperture, to and from the engine's directions and windows.
 
 An incoherent object stands a distance u before the scattering layer; a camera without a lens stands v
-behind it, or a lens focused at infinity images the far field onto the camera (v = focal length f), or an
+behind it; or a lens focused at infinity images the far field onto the camera (v = focal length f), or an
 objective images a plane near the layer, ``focus`` behind its exit face, by its magnification. An
 aperture D limits the light on the layer. n is the refractive index of the layer, lambda_0 the wavelength
 in vacuum, x_o a place on the object, X one on the camera:
@@ -14,7 +14,7 @@ in vacuum, x_o a place on the object, X one on the camera:
 Spherical waves have quadratic phases on the layer that all object points and pixels share; they drop out
 of every correlation, and a far-field scene is exact for the finite laboratory up to the next order. That
 order is the phase, at the edge of the aperture, by which the pattern of an object's edge differs from the
-shifted pattern of its centre, k_0 = 2 pi / lambda_0, s = (v / u) x_o, h half the camera's side:
+shifted pattern of its centre; k_0 = 2 pi / lambda_0, s = (v / u) x_o, h half the camera's side:
 
     phi_1 = k_0 (D/2) / 2     max( 3/4 s**3, 3 h s (h - s) ) / v**3     shift: sines on a regular grid
     phi_3 = k_0 (D/2)**3 / 2  (x_o / u) |1 / u**2 - 1 / v**2|           coma

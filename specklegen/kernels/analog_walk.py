@@ -10,7 +10,7 @@ Behind layers that refract, a path may be looked at along the axis: each collisi
     w = p(+-mu) (n' / n)^2 e^(-OD) P+-,
 
 P+ and P- the shares of light down and up the axis, at the ends of a layer, that leave by the far face
-(:mod:`specklegen.paths.steps`), (n' / n)^2 for the solid angle that refraction to the index n' outside makes wider. Of
+(:mod:`specklegen.paths.steps`); (n' / n)^2 for the solid angle that refraction to the index n' outside makes wider. Of
 the places where it is sent off, one is kept, by its share of w: with the sum of all, it has their E[w e^(-iq.R)].
 """
 

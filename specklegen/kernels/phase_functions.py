@@ -1,6 +1,6 @@
 """Henyey-Greenstein scattering: density and sampling on the sphere and on the circle.
 
-rho(cos) = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos)^(3/2)),   s = sqrt(rho),   integral of |s|^2 = 1
+rho(cos) = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos)^(3/2)),   s = sqrt(rho),   integral of |s|^2 = 1;
 rho(cos) = (1 - g^2) / (2 pi (1 + g^2 - 2 g cos))          in flatland; g is the mean cosine in both
 """
 

@@ -41,11 +41,11 @@ class PhaseTable(NamedTuple):
     kinds             int64[n]          kind of each type (the dimension is part of it)
     parameters        float64[n, 2]     ISOTROPIC: power, amplitude; HENYEY: g, -; FISHER: kappa, power forward
     offsets           int64[n + 1]      first row of each type among the following three
-    nodes             float64[K]        theta, from 0 upwards
+    nodes             float64[K]        theta, from 0 upwards;
     amplitudes        complex128[K]     s at the nodes (TABULATED)
-    cumulative        float64[K]        share of |s|^2 below each node, from 0 to 1
+    cumulative        float64[K]        share of |s|^2 below each node, from 0 to 1;
     guides            int64[n, m + 1]   last of the nodes at or below theta = k pi / m of each type (TABULATED)
-    material_starts   int64[m + 1]      first type of each material
+    material_starts   int64[m + 1]      first type of each material;
     shares            float64[n]        share of a type in sigma_s of its material
     shares_cumulative float64[n]        the same, summed within the material; the last is 1
     """

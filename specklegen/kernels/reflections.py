@@ -6,7 +6,7 @@
 * a vertex is connected to a view once for every number m of reflections of the last leg, by roulette one by one.
 
 Legs that were reflected are unfolded in the records: vertex and direction are the images from which the leg is straight
-(z measured along the leg's own side), so that phases, depths and phase functions at the ends are those of a slab
+(z measured along the leg's own side); so phases, depths and phase functions at the ends are those of a slab
 without faces. What is left, R^(m/2) and the root of 1 - R of each light and view, is with them
 (:mod:`specklegen.paths.faces`).
 """

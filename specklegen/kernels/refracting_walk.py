@@ -5,7 +5,7 @@ of the reference light, a first direction about it, then flights that faces refl
 connected along all legs of the views that lead from its layer (:mod:`specklegen.kernels.legs`).
 
 Densities along a leg from a layer of index n to one of n' change by (n / n')^2 beside those of a homogeneous medium:
-that is what refraction makes of solid angles. It is shared out, n^2 to the vertices and the rest to the legs, so that a
+that is what refraction makes of solid angles. It is shared out, n^2 to the vertices and the rest to the legs; so a
 path walked backwards has the amplitudes of the lights and views that it then has at its ends, and nothing else:
 
     W = n_1^2 sigma_s(x1) prod albedo / [ p(x1, w1) + p(x_B, -w_(B-1)) sigma_t(x1) n_1^2 / (sigma_t(x_B) n_B^2) ]

@@ -281,7 +281,7 @@ def trace_volume(where, share, volume, table, by_lobe, lobe, sources, probes, ru
     where, rules, found : Address, Rules, Found of :mod:`specklegen.kernels.walk`
     share : (first path, number of paths)
     volume, table, sources, probes : Volume, PhaseTable, Sources, Probes
-    by_lobe, lobe : whether all the medium scatters by one phase function of three dimensions, and that Lobe
+    ``by_lobe, lobe`` : whether all the medium scatters by one phase function of three dimensions, and that function
     types : int32[cap, 2]      output, of the first and of the last particle
     jones : Jones or None      of polarised light through layers; None leaves it out of the compiled walk
 

@@ -4,10 +4,10 @@ One call traces the paths ``first`` ... ``first + count - 1``. Every random numb
 (key, sample, path, dimension), so the call may be split over blocks and threads at will.
 
 A path (physics.md 2): the first vertex lies exponentially deep along the reference direction behind a point of the
-illuminated face, the first direction comes from the medium's phase function about the reference direction, then free
-flights and scatterings as in radiative transfer, many paths in lock step (`specklegen.kernels.lanes`), or drawn towards
-the far face where few would reach it (`specklegen.kernels.stretching`). At every vertex the contribution w of the
-connection to the sensor is found, and the connection is kept with probability min(1, w / threshold); its amplitude
+illuminated face, the first direction comes from the medium's phase function about the reference direction; then come
+free flights and scatterings as in radiative transfer, many paths in lock step (`specklegen.kernels.lanes`), or drawn
+towards the far face where few would reach it (`specklegen.kernels.stretching`). At every vertex the contribution w of
+the connection to the sensor is found, and the connection is kept with probability min(1, w / threshold); its amplitude
 weight grows by the inverse probability.
 
 A record is one kept connection, a row of float64[RECORD], one number longer where the momentum transfer is asked for:
@@ -159,7 +159,7 @@ def trace_slab(where, share, slab, lobe, aim, stretch, faces, light, probes, rul
 
     where, slab, light, rules, found : Address, FlowingLayer, Light (z > 0), Rules, Found
     share : (first path, number of paths)
-    lobe, aim : Lobe           the phase function, and the lobe of first directions about the light; either both are
+    ``lobe, aim : Lobe``       the phase function, and that of first directions about the light; either both are
                                closed, of one g, or both are tables
     stretch : Stretch          how paths are drawn towards the far face; of a rate above 0 not with ``reverse``, and not
                                between faces

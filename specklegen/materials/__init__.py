@@ -1,7 +1,7 @@
 """Materials that people really have, by name: what their particles do to light, each number with where it comes from.
 
 ``list()`` names them, ``about(name)`` tells their numbers, ranges and sources, ``get(name, wavelength=...)`` makes one,
-``draw(name, wavelength=..., seed=...)`` makes one with numbers from the ranges of the literature, and
+``draw(name, wavelength=..., seed=...)`` makes one with numbers from the ranges of the literature;
 ``memory_range(name, wavelength=..., thickness=...)`` says how far its memory effect reaches, and how well that is
 known. A new material is one file and one line of ``PRESETS`` in :mod:`specklegen.materials.registry`.
 

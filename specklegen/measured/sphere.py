@@ -7,7 +7,7 @@ port, and so changes how bright the sphere is.
 
 Correction: light that leaves a wall or a sample lands anywhere on the sphere in proportion to area, light of the
 sample not on the detector, which a baffle hides from it. With the shares a of the area and the reflectances r of walls
-(w) and in the sample's port (s), the landings W, S on the wall and in the port, per unit of light that the sample sends
+(w) and in the sample's port (s); the landings W, S on the wall and in the port, per unit of light that the sample sends
 out, obey
 
     W = a_w b + r_w a_w W + r_s a_w b S        S = a_s b + r_w a_s W + r_s a_s b S        b = 1 / (1 - a_d)

@@ -244,7 +244,7 @@ def correlation_for(slab: Slab, *, paths: int = 100_000, tolerance: float = TOLE
     """K of a slab from where it is cheapest: the lookup table, or ``paths`` paths, which are cached.
 
     A function of the material alone: an estimate's seed is the slab in units of its thickness, and the cache returns
-    its bits. ``source`` of the result says whether it is of the "atlas" or an "estimate".
+    its bits. ``source`` of the result is ``"atlas"`` or ``"estimate"``.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
     K_v(q) = E[w e^(-i q . R)] / E[w],     R = (x_B - x1) + (v_xy / v_z)(f - z_B) + (i_xy / i_z) z1
 
 R leads from where the light of a path enters the slab's face at z = 0 to where its connection leaves through the
-face at z = f, thickness in transmission and 0 in reflection; only those two points turn with the tilt and the
+face at z = f; f is the thickness in transmission and 0 in reflection; only those two points turn with the tilt and the
 view. On the axis this is the kernel of :mod:`specklegen.memory_effects.correlation`. Off it, R has a direction and
 a spread along the slope of its own, so K_v is complex and depends on the direction of q. [Bar19] sec. 6 with the z
 terms of physics.md 5 to first order in the tilt.

@@ -53,7 +53,7 @@ def seen_through(medium: PlaneMedium, views: np.ndarray, most: int) -> np.ndarra
     """Views float64[n, 3] as roulette judges by them: float64[(most + 1) n, 5].
 
     One block for every number of reflections of the last leg. A row holds the direction in which the leg leaves its
-    vertex, and the optical depth from there to the outside as (at z = 0, per length of z), to which -ln of what the
+    vertex, and the optical depth from there to the outside as (at z = 0, per length of z); to it -ln of what the
     faces leave is added.
     """
     rows = [_reached(medium, views, m) for m in range(most + 1)]

@@ -3,8 +3,8 @@
 Endpoint factors hold s(i . w_1): light of every tilt i arrives at x_1 and goes on along the *same* w_1, from point to
 point. That is the field far from x_1, beyond 1/(k theta^2) for a phase function of width theta. Nearer by, a scatterer
 is a thin screen that adds the same transverse momentum to light of any tilt: the ladder of multiple scattering
-conserves the difference k t of two waves at every collision, both keep their angle to the phase function, s(k_1 -> k_1
-+ p) s*(k_2 -> k_2 + p), and what is left of their correlation is the lateral way of the path alone, K = E[w e^(-i k t .
+conserves the difference k t of two waves at every collision; both keep their angle to the phase function, s(k_1 -> k_1
++ p) s*(k_2 -> k_2 + p); what is left of their correlation is the lateral way of the path alone, K = E[w e^(-i k t .
 R)] / E[w].
 
 The two agree while tilts are small beside the phase function. Beyond, the first loses the overlap of the phase

@@ -3,7 +3,7 @@
     s(i_t . w_1) -> s(i_0 . w_1),    s(w_(B-1) . v) -> s(w_(B-1) . (v - t)),    t = i_t - i_0 sideways
 
 i_0 is the middle of all lights. In the near field of a phase function the ladder of multiple scattering conserves the
-difference k t of two waves at every collision (:mod:`specklegen.paths.far_field`), and the path of light i_t has
+difference k t of two waves at every collision (:mod:`specklegen.paths.far_field`); the path of light i_t has
 every direction turned by the tilt: w_1 as i_0 is turned to i_t, w_(B-1) by t in direction sines, which is what its
 phase function sees of v - t. Phases, attenuation, profile and faces stay those of i_t and v. Between both ends every
 segment advances more slowly along z, by what the tilt adds in second order, which the ends alone would take from long

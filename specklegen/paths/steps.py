@@ -2,7 +2,7 @@
 
 Light that is not scattered meets the faces j = 0 ... n of n layers with reflectances R_j, and passes layer k with
 b_k = e^(-OD_k / mu_k). Its echoes add up as powers. What all that lies before layer k sends back to light on its way
-up, at the layer's upper end, and of light on its way down at its lower end what leaves by the far face:
+up, at the layer's upper end; of light on its way down at its lower end what leaves by the far face:
 
     rho_0 = R_0,     rho_k = R_k + (1 - R_k)^2 b_(k-1)^2 rho_(k-1) / (1 - R_k b_(k-1)^2 rho_(k-1)),
     P_k (1 - R_(k+1) b_k^2 rho_k) = (1 - R_(k+1)) b_(k+1) P_(k+1),     b_n P_n = 1.

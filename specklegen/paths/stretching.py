@@ -1,6 +1,6 @@
 """Importance sampling of walks towards the far face of an absorbing slab that few would cross.
 
-Deep in a slab of albedo a light falls as e^(-nu sigma_t z), and what a photon of direction w at the depth z adds behind
+Deep in a slab of albedo a light falls as e^(-nu sigma_t z); what a photon of direction w at the depth z adds behind
 the slab grows as e^(nu sigma_t z) h(w_z), h the slowest mode of the adjoint transfer equation:
 
     (1 - nu mu) h(mu) = a H(mu),    H = integral of rho(w . w') h(w'_z) dw' = sum_l (2 l + 1)/2 g_l h_l P_l(mu)

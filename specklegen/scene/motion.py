@@ -324,7 +324,7 @@ def step_roots(owner: str, motion: Motion, wavelength: float, times: np.ndarray)
     """L float64[T, T - 1], lower triangular: sqrt(2) L n is k times a component of the displacements since the first.
 
     n are independent standard normals, one a step. L L^T is the covariance of a Gaussian process with stationary steps,
-    (x(t) + x(t') - x(t - t')) / 2 with all times since the first, and a film with one frame more keeps the rows before.
+    (x(t) + x(t') - x(t - t')) / 2 with all times since the first; a film with one frame more keeps the rows before.
     """
     since = np.asarray(times, np.float64) - times[:1]
     x = reduced_time(owner, motion, wavelength, since)

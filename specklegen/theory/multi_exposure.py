@@ -49,9 +49,9 @@ def multi_exposure_fit(
 ) -> MultiExposureFit:  # fmt: skip
     """Fit the multi-exposure model to K^2 of several exposures, by relative least squares.
 
-    From the best of a table, damped Gauss-Newton steps (Levenberg and Marquardt) in log tau_c and rho, the share held
-    within 0 and 1, and the time within a hundredth of the shortest exposure and a hundred times the longest. Raise a
-    `RuleError` for a number outside its range, or of shapes that do not go together.
+    From the best of a table, damped Gauss-Newton steps (Levenberg and Marquardt) in log tau_c and rho; the share is
+    held within 0 and 1, and the time within a hundredth of the shortest exposure and a hundred times the longest. Raise
+    a `RuleError` for a number outside its range, or of shapes that do not go together.
 
     Parameters
     ----------

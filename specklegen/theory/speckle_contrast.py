@@ -6,7 +6,7 @@ g1(tau) (Bandyopadhyay et al., Rev. Sci. Instrum. 76, 093110 (2005), Eq. 5; u = 
     K^2(T) = 2 int_0^1 (1 - u) |g1(uT)|^2 du,       F(y) = 2 int_0^1 (1 - u) e^(-yu) du = 2 (e^-y - 1 + y) / y^2
 
 One exponential, |g1|^2 = e^(-2 tau / tau_c), thus has K^2 = F(2T / tau_c). A medium whose light belongs to classes of
-shares p_a and momentum transfers Y_a, g1 = sum_a p_a e^(-2 Y_a tau / tau0), has sum_ab p_a p_b F(2 (Y_a + Y_b) T /
+shares p_a and momentum transfers Y_a; g1 = sum_a p_a e^(-2 Y_a tau / tau0), has sum_ab p_a p_b F(2 (Y_a + Y_b) T /
 tau0), tau0 = 1 / (D k^2). n frames at the midpoints of n parts of the exposure, added up, are the trapezoidal rule of
 the same integral: as (1 - u) |g1|^2 is convex they overstate K^2, by an amount of order 1 / n^2.
 

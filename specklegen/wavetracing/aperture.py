@@ -84,7 +84,7 @@ def gaussian_mass(polygon: Opening, covariance: ArrayLike, mean: ArrayLike = (0.
     """Return the mass of a normal distribution over a polygon, by Owen's T function.
 
     In whitened coordinates an edge at the distance h from the mean, seen from there between the angles theta_1 and
-    theta_2 from its perpendicular, adds
+    theta_2 from its perpendicular: it adds
     sign(h) [(theta_2 - theta_1) / 2 pi - T(|h|, tan theta_2) + T(|h|, tan theta_1)].
 
     Parameters

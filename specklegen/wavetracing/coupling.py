@@ -168,7 +168,7 @@ def light_behind(values: np.ndarray, sensor: FarFieldGrid, wavelength: Annotated
     """Return the light behind a medium, from its far field: on the way to an aperture, a mask, a camera.
 
     A far field f(s), |f|^2 power per solid angle, is that of u = (ik / 2 pi) sum_s ds^2 f(s) / cos(s) e^{ik s.r}
-    (Goodman, *Introduction to Fourier Optics*, section 3.10), z counted from the plane where the light leaves.
+    (Goodman, *Introduction to Fourier Optics*, section 3.10); z is counted from the plane where the light leaves.
 
     Parameters
     ----------

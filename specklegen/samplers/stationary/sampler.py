@@ -224,7 +224,7 @@ class Stationary(MediaSampler, name="stationary"):
 
 
 def _tabulated(scene: Scene, form: Form, tolerance: float) -> Errors | None:
-    """What the lookup table states of a scene's correlation, where it has it within the tolerance: half of it for C_I.
+    """Return the correlation of a scene from the lookup table, if its error is below half the tolerance for C_I.
 
     The other half is that of the model.
     """
@@ -246,7 +246,7 @@ class _ImageWork:
 
 @remembered(16)
 def _expected_image(scene: Scene, complete: bool) -> _ImageWork:
-    """What the image of a scene's object takes: its modes are counted with K of the lookup table or a pilot, or one."""
+    """Cost of the image of a scene's object: its modes are counted with K of the lookup table or a pilot, or one."""
     return cached_result(_ImageWork, ("image of an object", scene, complete), lambda: _image_work(scene, complete))
 
 

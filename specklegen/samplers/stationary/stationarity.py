@@ -7,7 +7,7 @@ in {0, +-pi/W}, the exact correlation of pilot paths is compared with what the m
     C_model = W^(kappa) K(di)
 
 (w_1 for both where segments are in the near field of a narrow phase function, :mod:`specklegen.paths.far_field`)
-with W^ the Fourier transform of the window's intensity and K either that of the axis or the oblique one about the
+with W^ the Fourier transform of the window's intensity; K is either that of the axis or the oblique one about the
 middle of the beams and of the views. Intensities at these views, those of the outermost beams too, are compared with
 the one that the model has everywhere, or with its envelope (:mod:`specklegen.samplers.stationary.envelope`). Of a
 hidden object that has none, and whose phase functions are one, the middle stands for all: its image is their sum.
@@ -248,7 +248,7 @@ def _nine_and_four(scene: Scene, reach: float) -> np.ndarray:
 
 
 def _intensity_views(scene: Scene, between: bool) -> np.ndarray:
-    """Where intensities are judged: at the probe views, and between those at which an envelope was fitted."""
+    """Views at which intensities are judged: the probe views, and between those at which an envelope was fitted."""
     views = probe_views(scene)
     return np.concatenate([views, _nine_and_four(scene, 0.7)]) if between else views
 

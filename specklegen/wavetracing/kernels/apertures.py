@@ -158,7 +158,7 @@ def rim_field(edges, k, source, points, nodes, weights, out):
     source         : float64[4]      a unit vector of travel, and 0; or a point at z < 0, and 1
     nodes, weights : float64[G]      Gauss-Legendre on [-1, 1], 16 of them for 1e-13
 
-    A panel is at most as long as 3/4 of the distance R of its start, times the cosine of incidence, so that
+    A panel is at most as long as 3/4 of the distance R of its start, times the cosine of incidence; so
     singularities lie at least 1.6 half lengths from its middle, and holds at most 8 radians of phase. It never passes
     over the foot.
     """

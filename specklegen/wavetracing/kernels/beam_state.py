@@ -1,7 +1,7 @@
 """A beam on its way: its ray, and the cone about its mean; what an interaction makes of them.
 
 The state is float64[STATE]: point and direction of the ray, then the packed cone (origin, x, e y, mean direction,
-width, slope), its stretch e = a / b, and the product T of the tangents of its two half angles.
+width, slope); its stretch e = a / b; and the product T of the tangents of its two half angles.
 """
 
 import math

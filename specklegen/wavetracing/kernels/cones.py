@@ -4,7 +4,7 @@ A cone of frame (x, y, d) is { |(x, e y)| <= a + t z, a + t z >= 0 } in the coor
 is multiplied by e = a / b. All helpers here work in these *scaled local* coordinates. The cone is convex, so what a
 triangle has in it is convex too, and its depths are one interval [least, most]. The ends of that interval are found
 among the ends of what each edge has in the cone, the two points of the triangle's plane where the plane's conic has
-its least and greatest depth, and the apex, where rounding may lose either. A slab [near, far] then needs no clipping:
+its least and greatest depth; and the apex, where rounding may lose either. A slab [near, far] then needs no clipping:
 the part meets it if least <= far and most >= near, and begins at max(near, least).
 
 Source: S. Steinberg, M. Pharr, *Wave Tracing*, section on elliptic cones; the interval argument is our own.

@@ -8,8 +8,8 @@ over h' > h, g' > g; rho is how far the edges share one Fresnel zone. The part o
     J(x, y) = 1/2pi int_0^inf e^{i pi/4} x e^{2 i e^{i pi/4} y v - v^2} / (x^2 + (y + e^{i pi/4} v)^2) dv,
 
 s the sign: Owen's T function beyond its diagonal, for a complex argument. Each edge has four terms cot(d/2n), of direct
-waves and images, d their angle into the shadow, a = sqrt(2 k L) sin(beta) sin(d/2), L1 = s1 (s2 + s3) / S,
-L2 = (s1 + s2) s3 / S, S = s1 + s2 + s3, and rho = sqrt(s1 s3 / ((s1 + s2) (s2 + s3))) times the cosine between the
+waves and images, d their angle into the shadow; a = sqrt(2 k L) sin(beta) sin(d/2), L1 = s1 (s2 + s3) / S,
+L2 = (s1 + s2) s3 / S, S = s1 + s2 + s3; rho = sqrt(s1 s3 / ((s1 + s2) (s2 + s3))) times the cosine between the
 directions into the lit sides of both terms, across the ray between the edges. Each product of two cotangents is
 multiplied by -4 pi i r a b C, which is 1 far from all boundaries. Source and receiver may change places.
 
