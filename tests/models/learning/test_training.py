@@ -215,7 +215,7 @@ def test_saved_model_is_the_model(tmp_path, whole):
     # float16 rounds each weight to 2**-11
     torch.testing.assert_close(again(inputs), model(inputs), rtol=0, atol=0.02)
     assert (tmp_path / "compact.pt").stat().st_size < (whole / "best.pt").stat().st_size
-    assert_refused(lambda: Reconstructor.load(tmp_path / "none.pt"), "model must be a file")
+    assert_refused(lambda: Reconstructor.load(tmp_path / "none.pt"), "model must be an existing file")
     torch.save({"a": 1}, tmp_path / "other.pt")
     assert_refused(lambda: Reconstructor.load(tmp_path / "other.pt"), r"Reconstructor\.save")
 
