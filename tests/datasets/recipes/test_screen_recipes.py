@@ -137,7 +137,7 @@ def test_velocities_are_given_to_every_screen_and_to_screens_alone(name, dynamic
 def test_a_slab_recipe_still_names_its_fields_and_a_diffuser_its_own():
     with pytest.raises(sg.RuleError, match=r"^Material\.kernel_paths must be at least 64"):
         load_recipe("through-slab", {"material": {"kernel_paths": 3}})
-    assert_refused(lambda: small("ground-glass", material={"thicknes": 3.0}), r"^Diffuser\.thicknes must be absent")
+    assert_refused(lambda: small("ground-glass", material={"thicknes": 3.0}), r"^Diffuser\.thicknes must be left out")
 
 
 def test_a_laboratory_gives_the_wavelength():
