@@ -207,7 +207,7 @@ def test_replace_checks_anew_and_leaves_the_original():
     assert value.replace(wavelength=0.6).wavelength == 0.6
     assert value.wavelength == 0.5
     assert_refused(lambda: value.medium.replace(albedo=3.0), r"Slab\.albedo")
-    assert_refused(lambda: value.replace(wavelenght=0.6), r"Scene\.wavelenght must be absent")
+    assert_refused(lambda: value.replace(wavelenght=0.6), r"Scene\.wavelenght must be left out")
     assert_refused(lambda: value.replace(illumination=sg.PlaneWaves(directions=[AXIS])), "limited sideways")
 
 
