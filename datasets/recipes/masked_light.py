@@ -65,8 +65,8 @@ class Slits(Value):
         count, width, gap, length = (ends(getattr(self, name))[1] for name in ("count", "width", "gap", "length"))
         across = count * width + (count - 1) * gap
         if not np.hypot(across, length) < 1:
-            reject("Slits", "within the illuminated area at any rotation: a diagonal below 1", float(np.hypot(across,
-                                                                                                              length)))
+            reject("Slits", "within the illuminated area at any rotation: a diagonal below 1",
+                   float(np.hypot(across, length)))  # fmt: skip
         return self
 
     def drawn(self, rng: np.random.Generator) -> dict[str, float]:

@@ -98,8 +98,8 @@ def estimate_oblique_correlation(
     require_scalar("estimate_oblique_correlation medium", medium)
     if refracting_layers(medium):
         if not (light[2] == view[2] == 1):
-            reject("estimate_oblique_correlation light and view", "along the axis for layers that refract", (light,
-                                                                                                             view))
+            reject("estimate_oblique_correlation light and view", "along the axis for layers that refract",
+                   (light, view))  # fmt: skip
         return _of_axial_light(medium, paths, seed, threads)
     layout = plane_layout(medium, 1.0, light[None], view[None])
     tracer = SlabTracer(layout, medium, replace(plane_proposal(medium, light, view), transfer=transfer))

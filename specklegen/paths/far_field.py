@@ -74,8 +74,8 @@ def steepest(medium: PlaneMedium, tilts: np.ndarray) -> float:
 def lobe_loss(medium: PlaneMedium, wavelength: float, tilt: float) -> LobeLoss:
     """Loss of endpoint factors between two lights a ``tilt`` (radians) apart."""
     scatterer, apart = medium.scatterer, float(f"{abs(tilt):.9g}")
-    loss = 1 - cached_result(float, ("overlap of phase functions", scatterer, apart), lambda: overlap(scatterer,
-                                                                                                      apart)) ** 4
+    shared = cached_result(float, ("overlap of phase functions", scatterer, apart), lambda: overlap(scatterer, apart))
+    loss = 1 - shared**4
     turns = 2 * np.pi * medium.mean_free_path / wavelength
     turns *= max(medium.indices, default=medium.faces.inside) / medium.faces.inside
     return LobeLoss(loss, turns * lobe_width(medium.scatterer) ** 2)

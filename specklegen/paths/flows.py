@@ -20,8 +20,9 @@ _LEAST_LIT = 0.01
 def drifted(scene: Scene) -> np.ndarray | None:
     """Displacement of a medium in uniform motion at each beam of a film, float64[T, 3]; None for other media."""
     drift = drift_of(volume_of(scene.volume, scene.dimension)) if scene.film and scene.volume.flows else None
-    return None if drift is None else (scene.beams.times - scene.beams.times[0])[:,
-                                                                                 None] * drift  # type: ignore[operator]
+    if drift is None:
+        return None
+    return (scene.beams.times - scene.beams.times[0])[:, None] * drift  # type: ignore[operator,index]
 
 
 def drift_phases(scene: Scene, moved: np.ndarray, views: np.ndarray) -> np.ndarray:

@@ -29,8 +29,7 @@ def screen_imagings(request: MediaRequest) -> list[tuple[list[int], Imaging]]:
     stacks = [make() for make in request.media]
     assert all(isinstance(stack, ScreenStack) for stack in stacks)
     if moved is not None:
-        films = [_film(sight, n, stack.stack, moved[n].cpu().numpy()) for n,
-                 stack in enumerate(stacks)]  # type: ignore[union-attr]
+        films = [_film(sight, n, stack.stack, moved[n].cpu().numpy()) for n, stack in enumerate(stacks)]  # type: ignore
         like, kept = (torch.from_numpy(np.stack(part)).to(sight.device) for part in zip(*films, strict=True))
         sight = replace(sight, like=like, kept=kept)
     envelopes = [_envelope(sight, n, stack.stack) for n, stack in enumerate(stacks)]  # type: ignore[union-attr]
