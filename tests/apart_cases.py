@@ -87,7 +87,7 @@ def test_the_device_is_not_the_host():
 
 @pytest.mark.parametrize("name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)])
 def test_streams_of_every_kind(name):
-    """Within 2e-6 of the CPU's, the second batch too; parameters within 1e-11."""
+    """Within 2e-6 of the CPU's, the second batch too, counts but for rounding; parameters within 1e-11."""
     here, there = second_batch(name, "cpu"), second_batch(name, "apart")
     assert here.keys() == there.keys()
     for parameter, value in here["parameters"].items():
@@ -96,7 +96,11 @@ def test_streams_of_every_kind(name):
     for key in here.keys() - {"parameters", "file"}:
         assert isinstance(there[key], Apart), key
         one, two = here[key].to(torch.complex128), there[key].cpu().to(torch.complex128)
-        assert (two - one).abs().square().sum().sqrt() <= 2e-6 * one.abs().square().sum().sqrt(), key
+        if here[key].dtype == torch.uint16:  # counts: rounding of the light takes one or another to its neighbour
+            assert (two - one).abs().max() <= 1, key
+            assert (two != one).double().mean() < 1e-3, key
+        else:
+            assert (two - one).abs().square().sum().sqrt() <= 2e-6 * one.abs().square().sum().sqrt(), key
 
 
 @pytest.mark.parametrize("kind", SHOWN)
@@ -185,7 +189,9 @@ LOOKED_AT = {"solver": lambda image, light: load_solver().solve(*measured(first_
 
 
 def looked(what, device):
-    image = second_batch("through-slab", device)
+    image = second_batch("through-slab", "cpu")
+    parameters = {name: values.to(device) for name, values in image["parameters"].items()}
+    image = {name: image[name].to(device) for name in ("image", "object")} | {"parameters": parameters}
     return np.asarray(LOOKED_AT[what](image, image["object"].float()))
 
 

@@ -262,7 +262,7 @@ def test_one_setup_in_any_unit(tmp_path, count):
         other = mapped(table, numbers(unit))
         for make in (in_python, lambda table: in_toml(table, tmp_path)):
             if kind in SCALED and unit != "um":
-                with pytest.raises(RuleError, match="wavelength must be from .* physical scale"):
+                with pytest.raises(RuleError, match="wavelength must be from .* since the medium is given in"):
                     make(other)
                 continue
             again = make(other)

@@ -61,7 +61,7 @@ def test_what_no_table_holds_is_refused():
         (lambda: absorption.blood(1.01, 0.5), "0.4 to 1 micrometres"), (lambda: absorption.water(0.39), "0.4 to 1"),
         (lambda: absorption.fat(0.42), "0.43 to 1"), (lambda: absorption.blood(0.5, 1.2), "from 0 to 1"),
         (lambda: sg.materials.get("fat", 0.42), "absorption must be given outside 0.43 to 1"),
-        (lambda: sg.materials.get("skin", 0.6, blood=0.004, absorption=0.1), "left out where blood is given"),
+        (lambda: sg.materials.get("skin", 0.6, blood=0.004, absorption=0.1), "left out if blood is given"),
         (lambda: sg.materials.get("skin", 0.6, oxygenation=1.5), "from 0 to 1"),
     ):  # fmt: skip
         assert_refused(call, words)

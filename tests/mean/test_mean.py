@@ -368,7 +368,7 @@ def test_a_dear_mean_is_not_judged():
     """Only refused where it is asked for."""
     big = scene(voxels(box((900.0, 900.0), 500.0), (2, 2)), at([0.0, 50.0]), at(np.arange(0, 360, 15)))
     said = next(v.reason for v in sg.plan(big, paths=16).decisions if v.part.startswith("mean"))
-    assert "not judged: mean_field must be an integral of at most" in said
+    assert "not estimated: mean_field must be an integral of at most" in said
 
 
 def test_nodes_are_counted_before_they_are_made():

@@ -80,7 +80,7 @@ def test_columns_by_letters_by_number_and_without(tmp_path):
     named = read_sphere(write(tmp_path, "L r t n", "500, .3, .4, 1.41", "510, .3, .8, 1.41"))
     assert list(named.columns) == ["wavelength", "reflection", "transmission", "sample_index"]
     assert named.columns["wavelength"].tolist() == [500.0, 510.0]
-    assert "sample 2 sends out 1.1" in named.doubts[0]
+    assert "sample 2 reflects and transmits 1.1" in named.doubts[0]
     counted = read_sphere(write(tmp_path, "3", ".3 .4 .1"))
     assert list(counted.columns) == ["reflection", "transmission", "collimated"]
     assert (counted.sample_index, counted.standard, counted.transmission_sphere) == (1.33, 0.99, SMALL)

@@ -33,7 +33,7 @@ LIGHT = speckle(3, 0)
     (np.minimum(60 * LIGHT, 255).astype(np.uint8), 8, 255, None),
     (np.minimum(20 * LIGHT, 250).astype(np.uint8), 8, None, "8 bits, from the type of the file"),
     (np.minimum(900 * LIGHT, 4095).astype(np.uint16), 12, 4095, None),
-    (np.minimum(900 * LIGHT, 4095).astype(np.uint16) * 16, 12, 65520, "steps of 16: 4 empty bits"),
+    (np.minimum(900 * LIGHT, 4095).astype(np.uint16) * 16, 12, 65520, "steps of 16: the lowest 4 bits are empty"),
     (np.minimum(900 * LIGHT, 4095).astype(np.uint16).astype(np.float64), 12, 4095, None),
     ((300 * LIGHT).astype(np.uint16), 12, None, "12 bits are the fewest"),
     (np.minimum(900 * LIGHT, 3800).astype(np.uint16), 12, 3800, "pile up at 3800"),

@@ -226,7 +226,7 @@ REFUSED = {
     "four dimensions": (lambda: sg.Isotropic().amplitude(1.0, 4), ["dimensions", "2 or 3", "4"]),  # type: ignore
     "fractions above 1": (lambda: mixed([0.5, 0.6]), ["Mixture.fractions", "sum to 1 within 1e-9", "0.6", "1.1"]),
     "fraction negative": (lambda: mixed([1.5, -0.5]), ["Mixture.fractions", "at least 0", "-0.5"]),
-    "one fraction short": (lambda: mixed([1.0]), ["Mixture.fractions", "2 in all", "1.0"]),
+    "one fraction short": (lambda: mixed([1.0]), ["Mixture.fractions", "each of the 2 types", "1.0"]),
     "no types": (lambda: mixed([], []), ["Mixture.types", "at least 1 long"]),
     "nested": (lambda: mixed([1.0], [mixed([0.5, 0.5])]), ["Mixture.types", "types of particle", "Mixture"]),
 }  # fmt: skip

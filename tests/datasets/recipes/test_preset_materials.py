@@ -93,7 +93,7 @@ def test_faces_are_those_of_air_unless_they_are_matched(phantom):
 
 def test_range_is_that_of_the_literature(phantom):
     lean = {"preset": {"name": "skin", "wavelength": 0.8, "a": "range", "dilution": None}}
-    assert_refused(lambda: changed(phantom, **lean), "numbers among a, b, g")
+    assert_refused(lambda: changed(phantom, **lean), "given by numbers of a, b, g")
     table = load_recipe(phantom).model_dump(mode="json", exclude_none=True)
     table["material"] = table["material"] | {"preset": {"name": "skin", "wavelength": 0.8, "a": "range"}}
     recipe = type(load_recipe(phantom))(**table)
@@ -108,7 +108,7 @@ def test_range_is_that_of_the_literature(phantom):
     ({"name": "skin", "wavelength": 1.1}, "absorption must be given outside"),
     ({"name": "skin", "wavelength": 1.1, "absorption": "range"}, "absorption must be given outside"),
     ({"name": "skin", "wavelength": 0.6, "absorption": "range"}, "absorption must be a number.*blood, oxygenation"),
-    ({"name": "skin", "wavelength": 0.6, "absorption": 0.1, "blood": 0.1}, "absorption must be left out where blood"),
+    ({"name": "skin", "wavelength": 0.6, "absorption": 0.1, "blood": 0.1}, "absorption must be left out if blood"),
     ({"name": "ground-glass", "wavelength": 0.6}, "Write a ground glass as screens"),
 ])  # fmt: skip
 def test_what_is_no_bulk_is_refused_with_the_remedy(phantom, preset, says):

@@ -188,7 +188,7 @@ def test_bad_recipes_are_refused(name, changes, message):
 
 def test_engine_terms_are_needed_without_a_lab():
     table = {"name": "x", "material": {"thickness": 1.0, "optical_depth": 5.0, "g": 0.5}, "tilts": {"step": 1e-5}}
-    with pytest.raises(ValueError, match="Recipe must be given material.wavelength, window, camera, or else"):
+    with pytest.raises(ValueError, match="Recipe must be given by material.wavelength, window, camera, or by a"):
         KINDS["tilt-stack"](**table)
 
 

@@ -185,13 +185,13 @@ CURVE = MemoryCurve([1e-4, 2e-4, 4e-4], [0.9, 0.7, 0.4], 0.01)
     ({"model": lambda g: 3 * [None], "known": None, "free": {"g": (0.5, 0.9)}}, "one for each of 1"),
     ({"model": lambda g: None, "known": None, "free": {"g": (0.5, 0.9)}, "wavelength": [0.5, 0.6]}, "for each of 1"),
     ({"model": lambda g: None, "known": None, "free": {"g": (0.5, 0.9)}, "reverse": False}, "does not use it"),
-    ({"known": {"depth": 1.0}}, "made of thickness"), ({"known": {}}, "in one of them"),
+    ({"known": {"depth": 1.0}}, "made of thickness"), ({"known": {}}, "in one of the two"),
     ({"known": {"thickness": -1.0}}, "above 0"), ({"known": {"thickness": 1.0, "g": 0.5}}, "each once"),
     ({"free": "g"}, "a sequence of names"), ({"free": ("mean_free_path", "g", "diffusion")}, "without diffusion"),
     ({"known": {"thickness": 1000.0, "mean_free_path": 1.0}, "free": ("g",)}, "within the lookup table"),
     ({"known": {"thickness": 1000.0, "g": 0.999}, "free": ("mean_free_path",)}, "within the lookup table"),
     ({"known": {"thickness": 1e6}}, "in radians"),
-    ({"observations": [TemporalCurve([0.1, 0.2, 0.3], [1.9, 1.5, 1.2], 0.1)]}, "in one of them"),
+    ({"observations": [TemporalCurve([0.1, 0.2, 0.3], [1.9, 1.5, 1.2], 0.1)]}, "in one of the two"),
 ])  # fmt: skip
 def test_bad_input_is_refused(changes, rule):
     given = {"observations": [CURVE], "wavelength": WAVELENGTH, "known": KNOWN, "free": FREE} | changes

@@ -107,7 +107,7 @@ def test_no_probability_where_it_is_not_calibrated():
         assert one.turn is None
         assert one.reasons[0].name == "No confidence"
         assert one.reasons[0].numbers.startswith("skewness without the object")
-        assert one.reasons[0].numbers.endswith("calibrated for 50 to 60")
+        assert one.reasons[0].numbers.endswith("outside the calibrated range 50 to 60")
         assert "probability" not in one._facts()
 
 

@@ -1,7 +1,7 @@
 """Table and figure of docs/howmany.md: what more states of a medium, tilts and photons are worth, judged on waves.
 
-    python scripts/figures/how_many.py images --out FILE       # 45 CPU minutes: the waves
-    python scripts/figures/how_many.py judge FILE              # 10 CPU minutes: table, docs/images/how_many.png
+    python scripts/how_many.py images --out FILE       # 45 CPU minutes: the waves
+    python scripts/how_many.py judge FILE              # 10 CPU minutes: table, docs/images/how_many.png
 
 Images are those of ``scripts/build/make_wave_images.py``, of other objects behind six of its slabs: waves that go from
 slice to slice, drawn by no sampler of this package. A state of the medium is another seed of the same slab. A tilt
@@ -28,7 +28,7 @@ from specklegen.models.metrics import Interval, bootstrap, pearson
 from specklegen.models.recoverability.autocorrelation_error import Conditions
 from specklegen.models.recoverability.verdict import judge as decide
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "build"))
+sys.path.insert(0, str(Path(__file__).parent / "build"))
 import make_wave_images as waves  # noqa: E402
 
 PICTURE = Path("docs/images/how_many.png")
