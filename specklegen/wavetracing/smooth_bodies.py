@@ -1,9 +1,9 @@
 """Smooth bodies of a scene: which sides of triangles stand for a curved surface, and its curvature there.
 
-The faces of a smooth side meet at less than `SMOOTH`, and at less than half the angle over which a shadow begins. At
-least one of them is so narrow that it differs from the curved surface by less than `_SAGITTA`. Only convex sides of
-closed surfaces are smooth. A face's second fundamental form is a sum over its sides, of angles between normals times
-lengths over twice the area; it is averaged over faces that share a corner.
+The flat parts beside a smooth side meet at less than `SMOOTH`, and at less than half the angle over which a shadow
+begins. At least one of them is so narrow that it differs from the curved surface by less than `_SAGITTA`. Only convex
+sides of closed surfaces are smooth. The second fundamental form of a flat part is a sum over its sides, of angles
+between normals times lengths over twice the area; it is averaged over faces that share a corner.
 
 Source: D. Cohen-Steiner, J.-M. Morvan, *Restricted Delaunay triangulations and normal cycle*, SoCG 2003.
 """
@@ -11,6 +11,8 @@ Source: D. Cohen-Steiner, J.-M. Morvan, *Restricted Delaunay triangulations and 
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from specklegen.wavetracing.edges import normals
 from specklegen.wavetracing.fock import LOWEST, MIDDLE, STEP, fock_tables
@@ -39,25 +41,42 @@ def smooth_parts(scene: Geometry, k: float) -> SmoothParts:
     side = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(side, axis=2)
     normal = normals(scene.vertices, faces)
-    area = np.maximum(np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1) / 2, 1e-300)
+    flat, other = _flat_parts(topology.neighbour.reshape(-1, 3), topology.interior.reshape(-1, 3))
+    area = np.maximum(np.bincount(flat, np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1) / 2), 1e-300)[flat]
     across = np.cross(side / np.maximum(length, 1e-300)[..., None], normal[:, None])  # out of the face, in its plane
     turn = np.where(topology.neighbour < 0, np.pi, np.pi - topology.interior).reshape(-1, 3)
     bends = (solid >= 0)[:, None] & (turn > _BENT) & (turn < SMOOTH)
     share = np.where(bends, turn * length, 0.0) / (2 * area)[:, None]
-    form = np.einsum("fi,fia,fib->fab", share, across, across)
-    # Breadth along the strongest curvature, and how far the face is from an arc of it.
+    count = int(flat.max(initial=-1)) + 1
+    form = np.zeros((count, 3, 3))
+    np.add.at(form, flat, np.einsum("fi,fia,fib->fab", share, across, across))
+    # Breadth along the strongest curvature, and how far the flat part is from an arc of it.
     strongest = np.linalg.eigh(form)
-    breadth = np.ptp((corners * strongest.eigenvectors[:, None, :, 2]).sum(axis=2), axis=1)
-    curved = bends.any(axis=1) & (k * breadth**2 * strongest.eigenvalues[:, 2] / 8 < _SAGITTA)
-    form = _averaged(form, scene.welded[faces], area, curved)
-    other = np.where(topology.neighbour < 0, 0, topology.neighbour).reshape(-1, 3)
+    along = (corners * strongest.eigenvectors[flat][:, None, :, 2]).sum(axis=2)
+    least, most = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(least, flat, along.min(axis=1))
+    np.maximum.at(most, flat, along.max(axis=1))
+    curved = k * (most - least) ** 2 * strongest.eigenvalues[:, 2] / 8 < _SAGITTA
+    curved = (curved & (np.bincount(flat, bends.any(axis=1), count) > 0))[flat]
+    form = _averaged(form[flat], scene.welded[faces], area, curved)
     either = np.where(curved[:, None, None, None], form[:, None], form[other])
     either = np.where((curved[:, None] & curved[other])[..., None, None], (form[:, None] + form[other]) / 2, either)
     radius = 1 / np.maximum(np.einsum("fiab,fia,fib->fi", either, across, across), 1e-300)
     smooth = bends & (curved[:, None] | curved[other]) & (turn < 0.5 * (k * radius / 2) ** (-1 / 3))
-    curved &= (smooth == bends).all(axis=1)
+    curved &= (np.bincount(flat, (smooth != bends).any(axis=1), count) == 0)[flat]
     smooth &= curved[:, None] | curved[other]
     return SmoothParts(_laid_out(scene, solid, turn, smooth, either, normal), curved, smooth.ravel())
+
+
+def _flat_parts(neighbour: np.ndarray, interior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the number of the flat part that each face belongs to, int[F], and each side's neighbour, 0 at a border.
+
+    A facet that is cut in triangles is one part, so that the cut changes no curvature.
+    """
+    other = np.where(neighbour < 0, 0, neighbour)
+    own, at = np.nonzero((neighbour >= 0) & (np.abs(interior - np.pi) <= _BENT))
+    graph = coo_array((np.ones(len(own)), (own, other[own, at])), shape=(len(neighbour), len(neighbour)))
+    return connected_components(graph, directed=False)[1] if len(neighbour) else np.empty(0, np.int64), other
 
 
 def _averaged(form: np.ndarray, corner: np.ndarray, area: np.ndarray, curved: np.ndarray) -> np.ndarray:

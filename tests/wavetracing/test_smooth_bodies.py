@@ -18,6 +18,7 @@ from specklegen.wavetracing import (
 
 pytestmark = pytest.mark.filterwarnings("ignore::specklegen.core.errors.DoubtWarning")
 RADIUS, FAR = 10.0, 3000.0
+EVEN = np.eye(3)
 ANGLES = np.deg2rad([0.3, 2, 5, 8, 9.5, 11, 13, 16, 20, 30, 45, 70, 100, 140, 175])
 
 
@@ -95,6 +96,37 @@ def test_sphere(r, polarisation):
     ours = np.abs(ratios(ball(4), points, 100.0, polarisation))
     exact = np.abs(sphere_series(points, 100.0, RADIUS, polarisation == "hard"))
     assert worst(ours, exact) < 0.1
+
+
+@pytest.mark.parametrize("polarisation", ["soft", "hard"])
+@pytest.mark.parametrize(("body", "change"), [("cylinder", 1e-4), ("ball", 3e-3)])
+def test_facets_may_be_cut_turned_and_scaled(body, change, polarisation):
+    """Each face in four or sixteen, not moved onto the curve; turned in space; in another unit.
+
+    Cuts change the corners over which curvatures are averaged, and turns the half planes in which strings are sought:
+    of a ball more than of a cylinder.
+    """
+    trimesh = pytest.importorskip("trimesh")
+    whole = cylinder(256, half=500.0) if body == "cylinder" else ball(4)
+    points, lamp = around(20.0, 0.3), np.array([-300.0, 40.0, 15.0])
+
+    def field(vertices, faces, turn=EVEN, shift=0.0, unit=1.0):
+        there = PointEmitter(unit * (turn @ lamp + shift), wavelength=unit, power=4 * np.pi)
+        scene = Geometry([Mesh(unit * (vertices @ turn.T + shift), faces, Conductor())])
+        return unit * coherent_rays(scene, there, unit * (points @ turn.T + shift), 0, 1, polarisation)
+
+    expected, cut = field(whole.vertices, whole.faces), trimesh.Trimesh(whole.vertices, whole.faces, process=False)
+    turn, shift = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0], np.array([5.0, -7.0, 11.0])
+    turn *= np.sign(np.linalg.det(turn))
+    for _ in range(2):
+        cut = cut.subdivide()
+        found = field(cut.vertices, cut.faces)
+        assert np.abs(found - expected).max() < change * np.abs(expected).max()
+    moved = field(whole.vertices, whole.faces, shift=shift, unit=1e-6)
+    assert np.abs(moved - expected).max() < 1e-10 * np.abs(expected).max()
+    turned = field(whole.vertices, whole.faces, turn, shift)
+    assert np.abs(turned - expected).max() < change * np.abs(expected).max()
+    assert np.abs(field(1.01 * whole.vertices, whole.faces) - expected).max() > 0.05 * np.abs(expected).max()
 
 
 def test_exchange_of_source_and_point_above_a_mirror():
