@@ -35,7 +35,7 @@ CHANGES = {"through-slab": FEW, "two-tilts": FEW, "through-slab-lab": FEW, "dyna
            "polarised-tissue": FEW, "refocus-stack": FEW, "tissue-microscope": FEW,
            "flow-vessel": FEW | {"camera": {"shape": [24, 24]}}}  # fmt: skip
 QUICK = ("through-slab", "two-tilts", "through-slab-lab", "brownian-slab", "lsci-slab", "unknown-slab", "tilt-stack",
-         "ground-glass")  # fmt: skip
+         "ground-glass", "coherent-slab", "coherent-digits")  # fmt: skip
 LONG = ("polarised-tissue", "refocus-stack", "flow-vessel", "tissue-microscope", "characters-of-new-fonts",
         "points-beyond-range", "one-angular-size", "dynamic-slab", "partially-coherent-slab", "masked-light-slab",
         "star-behind-slab", "unseen-material", "registered-tilts", "material-regression", "double-diffuser",

@@ -150,16 +150,18 @@ def radial(values: Radial, at: np.ndarray) -> np.ndarray:
     return np.interp(at, reach, values(reach))
 
 
-def wave_modes(correlations: Correlations, grid: WaveGrid, tolerance: float = MODE_TOLERANCE) -> np.ndarray:
-    """Return phi_r float64[R, M, M] over the plane waves, of K of one medium."""
+def wave_modes(
+    correlations: Correlations, grid: WaveGrid, tolerance: float = MODE_TOLERANCE, device: torch.device | str = "cpu"
+) -> np.ndarray:
+    """Return phi_r float64[R, M, M] over the plane waves, of K of one medium, which is known on some device."""
     from specklegen.synthesis.modes import Lattice, karhunen_loeve
 
     count, k = len(grid.sines), 2 * np.pi / grid.wavelength
-    step = torch.tensor([k * float(np.ptp(grid.sines)) / max(count - 1, 1)], dtype=torch.float64)
-    lattice = Lattice((count, count), step, torch.zeros((1, 1, 2), dtype=torch.float64))
+    step = torch.tensor([k * float(np.ptp(grid.sines)) / max(count - 1, 1)], dtype=torch.float64, device=device)
+    lattice = Lattice((count, count), step, torch.zeros((1, 1, 2), dtype=torch.float64, device=device))
     ((_, modes),) = karhunen_loeve(correlations, lattice, tolerance)
     values = modes.values(int(modes.rank[0]))[0]
-    return values.numpy().T.reshape(-1, count, count)
+    return values.cpu().numpy().T.reshape(-1, count, count)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,7 @@
 """Coherent objects of recipes behind slabs: light that has walked where media are new, else modes between waves."""
 
+from functools import partial
+
 import numpy as np
 
 from specklegen.core.lazy import torch
@@ -8,6 +10,7 @@ from specklegen.samplers.coherent_media import CoherentImaging, straight_waves
 from specklegen.samplers.sampler import MediaRequest
 from specklegen.scene.window import Window
 from specklegen.synthesis.coherent import ManyObjects, radial, wave_modes
+from specklegen.synthesis.correlations import Correlations
 
 
 def coherent_imagings(request: MediaRequest) -> list[tuple[list[int], CoherentImaging]]:
@@ -24,11 +27,16 @@ def coherent_imagings(request: MediaRequest) -> list[tuple[list[int], CoherentIm
             straight = straight_waves(grid, medium.optical_depth, medium.thickness, intensity)  # type: ignore[union-attr, arg-type]
         with one_torch_thread():
             if request.shared:
-                modes = wave_modes(known, grid, request.tolerance)
+                modes = wave_modes(known, grid, request.tolerance, request.sight.device)
                 many = ManyObjects(grid, modes, float(np.sqrt(intensity * grid.area)))
                 own = CoherentImaging(grid, waves.divisions, intensity, straight, many=many, shared=True)
             else:
-                walk = radial(lambda q, k=known: k(torch.from_numpy(q)[None])[0].numpy(), grid.lateral)
+                walk = radial(partial(_on_host, known, request.sight.device), grid.lateral)
                 own = CoherentImaging(grid, waves.divisions, intensity, straight, walk=walk)
         prepared.append(([n], own))
     return prepared
+
+
+def _on_host(correlations: Correlations, device: "torch.device", q: np.ndarray) -> np.ndarray:
+    """Return K float64[n] at wavevectors float64[n], of one medium that is known on some device."""
+    return correlations(torch.from_numpy(q)[None].to(device))[0].cpu().numpy()
