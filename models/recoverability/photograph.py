@@ -58,7 +58,8 @@ _NINETIETH = 1.6449
 _MOST_FRAMES = 4096
 _EDGE = 12.0  # 2 ln of likelihoods from which on the band's edge is seen
 _BIAS = 0.02  # of ln grain: Hann's window widens the edge
-_ONE_FIELD = 0.55  # variance over the mean squared: between that of two equal points, 0.5, and of one field, 1
+_ONE_FIELD = 0.75  # variance over the mean squared: 1 of one field, 0.5 of two points, 0.83 if one is a tenth
+_FEW_POINTS = 0.5  # from which the object is a few points, or a coherent one
 _LAWFUL = 2.0  # evidence of the law up to which a frame may be of one field; pictures of two brightnesses have 2.3
 _UNSMOOTH = 25.0  # evidence of edges, places and few patches: frames of coherent-digits have up to 22, drawn digits 38
 _RESOLVED = 2.05  # pixels in a grain
@@ -293,6 +294,8 @@ def judge_photograph(
         assumed.append('even light: this measurement was read without an envelope (envelope="fit" fits one)')
     if not against:
         assumed.append("that it is speckle: blurred noise and some pictures pass the test")
+    if not against and variance > _FEW_POINTS:
+        assumed.append("that it is a few points and no coherent object, whose contrast may be as high")
     assumed.append("one wavelength, one polarisation, and an object within the memory effect: otherwise "
                    "contrast is lost")
     envelope = 1.0 if seen.envelope is None else float(seen.envelope.max() / seen.envelope.min())
@@ -541,7 +544,8 @@ def _one_field(contrast: float) -> Reason:
     return Reason(
         "coherent object", f"contrast {contrast:.2g} is that of one field, whose autocorrelation is not the object's",
         "for an object in laser light train a network, as by `specklegen train coherent-digits --network unet --input "
-        "camera --loss pearson`; for a hidden object that shines incoherently, check that it is more than one point",
+        "camera --loss pearson` (coherent-slab behind a slab); an object that shines incoherently is one point, or one "
+        "far brighter than the rest",
     )  # fmt: skip
 
 

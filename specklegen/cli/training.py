@@ -59,8 +59,7 @@ def train(
     seconds: float | None = option(None, "Wall-clock budget, setup and validation included (default: all epochs)."),
     law: bool = option(
         False, "Draw training samples from the statistical law of images instead of rendering them. Needs a recipe "
-               "with "
-        "one image of a hidden object, and --input periodogram. Validation images are rendered.", "--law",
+        "with one image of a hidden object, and --input periodogram. Validation images are rendered.", "--law",
     ),
     workers: int = option(0, "Processes that render a stream.", min=0, max=1024),
     cache: str | None = option(
