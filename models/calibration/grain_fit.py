@@ -23,9 +23,8 @@ from torch import Tensor
 from specklegen.core.arguments import choice, host_tensor, whole_number
 from specklegen.core.display.repr import short
 from specklegen.core.errors import reject
-from specklegen.core.random_streams import Seed
+from specklegen.core.random_streams import Seed, seed_words
 from specklegen.models.learning.reconstructor import centred
-from specklegen.models.retrieval.phase_retrieval import Retrieval, retrieve
 from specklegen.scene.window import Profile, Window
 
 STEP = 0.08
@@ -46,7 +45,7 @@ _FIRST = 2.5  # cells of a tile's frequencies about zero that are left out
 _STEPS, _RATE = 80, 0.1  # of Adam, on the logarithm of the brightness
 _EVEN = 1e-6  # contrast that is rounding
 _HANN = 2.25  # frequencies of a tile under a Hann window for one independent one
-_START = Retrieval(restarts=2, steps=4, error_reduction=20)
+_STARTED = 60  # steps of error reduction
 
 
 class MeasuredGrain(NamedTuple):
@@ -91,7 +90,7 @@ def fit_grain(images: Tensor, extent: int, profile: Profile = "disc", seed: Seed
     profile
         Of the window, "disc" or "square": a Gaussian one has no edge, and is not told from a smoother object.
     seed
-        Of phase retrieval's starts.
+        Of the picture that phase retrieval starts at.
     """
     seen = host_tensor("fit_grain images", images)
     if seen.ndim != 3 or not len(seen):
@@ -147,15 +146,24 @@ def _radius(tile: int) -> Tensor:
 
 
 def _first_image(power: Tensor, size: int, seed: Seed) -> Tensor:
-    """Phase retrieval's answer to the whole camera frame, brightest pixel 1, float32[B, size, size]."""
+    """Phase retrieval's answer to the whole camera frame, brightest pixel 1, float32[B, size, size].
+
+    Error reduction alone (Fienup 1982): with feedback, rounding of the frame led to another answer and another grain.
+    """
     tile = power.shape[1]
     radius = _radius(tile)
     light = power - power[:, radius > _FAR].mean(1)[:, None, None]
     light = torch.where(radius > _FIRST / tile, light, light.clamp_min(0).amax((-2, -1), keepdim=True))
-    lags = torch.fft.irfft2(light.double(), (tile, tile))
-    image = centred(retrieve(lags, _START.replace(extent=float(size)), seed=seed).image.clamp_min(0))
-    cut = (tile - size) // 2
-    image = image[:, cut : cut + size, cut : cut + size]
+    amplitude = light.clamp_min(0).sqrt()
+    away = torch.linspace(-1, 1, size).square()
+    texture = np.random.default_rng(seed_words(seed)).uniform(0.5, 1.5, (size, size))
+    image = torch.exp(-2 * (away[:, None] + away)) * torch.from_numpy(texture).float()
+    image = image.expand(len(power), -1, -1)
+    for _ in range(_STARTED):
+        waves = torch.fft.rfft2(image, (tile, tile))
+        waves = waves / waves.abs().clamp_min(1e-9) * amplitude
+        image = torch.fft.irfft2(waves, (tile, tile))[:, :size, :size].clamp_min(0)
+    image = centred(image)
     return image / image.amax((-2, -1), keepdim=True).clamp_min(1e-9)
 
 
