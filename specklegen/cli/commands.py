@@ -3,6 +3,7 @@
 Thin: a command reads its arguments, calls one function of the library, and shows what came out.
 """
 
+import gc
 from collections.abc import Callable
 from inspect import getdoc
 from typing import Annotated, Any
@@ -144,5 +145,9 @@ for _old, _name in MOVED.items():
 
 def main(words: list[str] | None = None) -> None:
     """Run the command line; what stops a command is a message, not a traceback."""
-    with failures_told():
-        app(args=words)
+    try:
+        with failures_told():
+            app(args=words)
+    finally:
+        if words is None:  # the process ends: its last collections would visit all objects, for a CPU second with torch
+            gc.freeze()

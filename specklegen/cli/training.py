@@ -117,7 +117,7 @@ def train(
                               cache)  # fmt: skip
     few = min(_TABLED, len(material.held_out.targets))
     beside = Beside(batches_of(material.source, few, settings.seed, "validation", _TABLED // 8),
-                    _methods(material.recipe, settings, seconds),
+                    _methods(material.recipe, settings, seconds, begun),
                     untrained(settings, material.held_out, device) if first is None else first,
                     None if seconds is None else begun + 2 * _PREPARING * seconds,
                     getattr(material.recipe, "profile", "square") if settings.of_objects else "square",
@@ -222,10 +222,14 @@ def rendered_before(out: Path, asked: int) -> int | None:
         return None
 
 
-def _methods(recipe: "Recipe | None", settings: "Training", seconds: float | None) -> "dict[str, Callable]":
+def _methods(
+    recipe: "Recipe | None", settings: "Training", seconds: float | None, begun: float,
+) -> "dict[str, Callable]":  # fmt: skip
     """Methods that learn nothing and stand beside a network in training; where there is no time, none."""
-    if seconds is not None and seconds < 60:
-        typer.echo("Baselines (mean image, phase retrieval) are skipped: they need --seconds 60 or more.")
+    spent = time.perf_counter() - begun
+    if seconds is not None and (seconds < 60 or spent > 1.5 * _PREPARING * seconds):
+        reason = "they need --seconds 60 or more" if seconds < 60 else f"setup took {spent:.0f} of {seconds:.0f} s"
+        typer.echo(f"Baselines (mean image, phase retrieval) are skipped: {reason}.")
         return {}
     seed = settings.seed
     if settings.target != "object":
