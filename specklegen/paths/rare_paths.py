@@ -62,8 +62,12 @@ class Implied(NamedTuple):
         return self if side > 0 else self._replace(error=self.error * min(1.0, 2 * sum(turns)))
 
     def at_least(self, error: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """Errors float64[T] of a function of K of this slope, raised to what is implied where few paths carry them."""
-        return np.where(self.paths < FEW, np.maximum(error, slope * self.error), error)
+        """Errors float64[T] of a function of K of this slope, raised to what is implied where few paths carry them.
+
+        A sample may have missed the widest of the k paths that carry a variance: a k-th of it is added.
+        """
+        missed = np.sqrt(1 + 1 / np.maximum(self.paths, _UNKNOWABLE))
+        return np.where(self.paths < FEW, np.maximum(error, slope * self.error * missed), error)
 
 
 def implied_error(medium: PlaneMedium, light: float, squares: np.ndarray, fourths: np.ndarray) -> Implied:

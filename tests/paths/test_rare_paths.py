@@ -153,6 +153,13 @@ def test_errors_behind_other_narrow_phase_functions_hold_the_truth(g, depth, pat
     assert (raised > least).all()
 
 
+def test_a_sample_that_may_have_missed_its_widest_paths_states_more():
+    """Of runs without a warning behind g 0.95, OD 5, 4000 paths, errors held C_I of 0.99 in 0.87; with this in 0.92."""
+    implied = rare_paths.Implied(np.array([1.0, 1.0, 1.0, 1.0, 0.1]), np.array([0.01, 1.0, 3.0, 4.0, 1.0]))
+    found = implied.at_least(np.full(5, 0.5), np.full(5, 2.0))
+    np.testing.assert_allclose(found, [2 * np.sqrt(3), 2 * np.sqrt(2), 2 * np.sqrt(4 / 3), 0.5, 0.5], rtol=1e-12)
+
+
 def test_errors_that_many_paths_carry_stay():
     """To the bit: of wide phase functions, narrow ones and many paths, layers by their widest one, and absorption."""
     q = np.array([0.01, 0.05])
