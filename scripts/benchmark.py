@@ -14,8 +14,6 @@ os.environ["SPECKLEGEN_CACHE"] = "kernels:"  # results of another run would be r
 
 import argparse
 import json
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -30,13 +28,11 @@ from error_time.machine import circumstances
 from references.naive_numba import naive_field
 
 import specklegen as sg
-from specklegen.core.memory import resident_memory
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, axial_tracer, estimate_correlation
 from specklegen.paths.phases import random_phases
 from specklegen.paths.tracer import volume_tracer
 from specklegen.samplers.path_sums.direct import direct_field
 from specklegen.samplers.path_sums.nufft import nufft_field
-from specklegen.scene.sensors import Side
 from specklegen.synthesis.objects import object_imaging, object_media
 from specklegen.synthesis.stacks import stack_sampler
 
@@ -46,13 +42,13 @@ BOUNDS = {"box": 100, "16^3 voxels": 300}  # nanoseconds an event of walks in on
 MEDIUM = sg.Slab(thickness=2000.0, mean_free_path=200.0, scatterer=sg.media.HenyeyGreenstein(g=0.9))
 
 
-def example(*, views: int = 101, tilts: int = 5, width: float = WIDTH, side: Side = "transmission"):
-    """The example's scene, or a variation of it."""
+def example(width: float = WIDTH) -> sg.Scene:
+    """The example's scene."""
     return sg.Scene(
         wavelength=1.0,
         medium=MEDIUM,
-        illumination=sg.light.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(tilts), width=width),
-        sensor=sg.sensors.FarField.grid(shape=(views, views), pitch=float(np.deg2rad(0.000125)), side=side),
+        illumination=sg.light.CollimatedBeams.tilts(np.deg2rad(0.0025) * np.arange(5), width=width),
+        sensor=sg.sensors.FarField.grid(shape=(101, 101), pitch=float(np.deg2rad(0.000125))),
     )
 
 
@@ -103,7 +99,7 @@ def seconds(*functions: Callable[[int], object], repeats: int, clock: Callable[[
 def path_rows(repeats: int, naive_paths: int) -> list[Row]:
     """Tracing, rendering with a plan at hand and with a fresh one, and the hoisted naive program."""
     scene = example()
-    fresh = [example(width=WIDTH + 1 + n) for n in range(repeats + 1)]  # other fingerprints: nothing is cached
+    fresh = [example(WIDTH + 1 + n) for n in range(repeats + 1)]  # other fingerprints: nothing is cached
     made = sg.plan(scene, paths=PATHS, sampler="paths")
     events = [0] * (repeats + 1)
 
@@ -323,67 +319,6 @@ def rendered(seed: int, threads: int) -> None:
     sg.render(example(), paths=8 * PATHS, sampler="paths", seed=seed, threads=threads)
 
 
-# What the predictions of `plan` are compared for: scene, and arguments of plan and render.
-PREDICTED = {
-    "example, paths": (example, {"sampler": "paths", "paths": PATHS}),
-    "16 x 512 x 512, paths": (lambda: example(views=512, tilts=16), {"sampler": "paths", "paths": PATHS}),
-    "2e6 paths, paths": (example, {"sampler": "paths", "paths": 20 * PATHS}),
-    "backscattering, direct": (
-        lambda: example(views=33, side="reflection"),
-        {"sampler": "paths", "paths": PATHS // 20, "reverse": True},
-    ),
-    "example, stationary": (example, {"sampler": "stationary", "paths": PATHS}),
-    "16 x 512 x 512, stationary": (
-        lambda: example(views=512, tilts=16),
-        {"sampler": "stationary", "paths": PATHS},
-    ),
-}
-
-
-def prediction(name: str) -> dict[str, float]:
-    """Plan and render one case in this process, which should be young; predicted and found seconds and bytes."""
-    build, arguments = PREDICTED[name]
-    imported, _ = resident_memory()
-    scene = build()
-    made = sg.plan(scene, threads=1, **arguments)
-    sg.render(example(views=32, tilts=2), threads=1, **(arguments | {"paths": 1000}))  # compiles what is not kept
-    ready, peak_before = resident_memory()
-    start = time.process_time()
-    sg.render(scene, threads=1, **arguments)
-    found = time.process_time() - start
-    _, peak = resident_memory()
-    return {
-        "predicted_seconds": made.seconds,
-        "seconds": found,
-        "predicted_bytes": made.memory_bytes,
-        "bytes_since_import": max(peak_before, peak) - imported,
-        "bytes_since_ready": peak - ready,
-    }
-
-
-def prediction_rows() -> list[Row]:
-    """Seconds and memory that `plan` predicts against what a young process finds."""
-    rows = []
-    if not Path("/proc/self/clear_refs").exists():
-        return rows  # memory is read the way Linux offers it
-    for name in PREDICTED:
-        command = [sys.executable, __file__, "--prediction", name]
-        found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-        mib = {key: value / 2**20 for key, value in found.items()}
-        rows += [
-            Row(
-                f"{name}: seconds, found / predicted", "", [found["seconds"] / found["predicted_seconds"]],
-                note=f"{found['seconds']:.3g} s, predicted {found['predicted_seconds']:.3g} s",
-            ),
-            Row(
-                f"{name}: memory, found / predicted", "", [found["bytes_since_import"] / found["predicted_bytes"]], 2,
-                note=f"{mib['bytes_since_import']:.0f} MiB since import, {mib['bytes_since_ready']:.0f} since the "
-                f"kernels are loaded, predicted {mib['predicted_bytes']:.0f} MiB",
-            ),
-        ]  # fmt: skip
-    return rows
-
-
 def main() -> None:
     """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -392,11 +327,7 @@ def main() -> None:
     parser.add_argument("--lens", action="store_true", help="only the rows of images through a lens")
     parser.add_argument("--threads", action="store_true", help="only the rows of two threads against one")
     parser.add_argument("--json", type=Path, metavar="PATH", help="write the rows there, for docs/notes/performance.md")
-    parser.add_argument("--prediction", choices=PREDICTED, help="measure one case alone, and print JSON")
     options = parser.parse_args()
-    if options.prediction:
-        print(json.dumps(prediction(options.prediction)))
-        return
     repeats, naive_paths = (3, 100) if options.quick else (9, 400)
     rows = []
     print(f"{'':<56}{f'median [min - max] of {repeats}':<32}{'must':<14}aim")
@@ -407,7 +338,6 @@ def main() -> None:
         lambda: motion_rows(max(repeats, 10)),
         lambda: thread_rows(repeats),
         lambda: lens_rows(repeats),
-        prediction_rows,
     ]
     chosen = [n for n, only in ((3, options.motion), (4, options.threads), (5, options.lens)) if only]
     for part in [parts[n] for n in chosen] or parts:
