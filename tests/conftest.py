@@ -1,5 +1,6 @@
 """What every test process begins with."""
 
+import gc
 import os
 import signal
 import sys
@@ -19,6 +20,17 @@ if _CACHE != "off":
 # Without bytecode, each of the many processes that tests start would compile all modules anew, and pytest all tests.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Search for no garbage while tests are collected, and never again among the million objects that this makes."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items):

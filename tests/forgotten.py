@@ -29,8 +29,10 @@ def _generators():
 @functools.lru_cache(1)
 def _memos(_modules):
     """Memos of as many modules as are loaded: to look through all objects takes half a second."""
+    gc.unfreeze()  # what conftest.py has frozen is in no list
     # The type itself: isinstance() asks a weak reference's proxy for the class of an object that may be gone.
     found = [each for each in gc.get_objects() if type(each) is functools._lru_cache_wrapper and _own(each)]
+    gc.freeze()
     return sorted(found, key=lambda each: (each.__module__, each.__qualname__))
 
 
