@@ -119,7 +119,7 @@ def test_what_networks_are_asked(target):
     torch.testing.assert_close(there.cpu(), here, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("mirror", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_training_on_a_stream_of_the_device(tmp_path, mirror):
     """The same steps as on the host's stream, but for rounding."""
     recipe = load_recipe("through-slab", FEW | {"samples": {"train": 16, "validation": 8}})
@@ -153,7 +153,9 @@ def test_scores(name):
     torch.testing.assert_close(there, score(made, light), rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize("told", [[], ["--target", "label", "--network", "residual"]])
+@pytest.mark.parametrize(
+    "told", [pytest.param([], marks=pytest.mark.slow), ["--target", "label", "--network", "residual"]]
+)
 def test_train_makes_its_images_on_the_device(tmp_path, told):
     """By the command, with the tables at its beginning and end."""
     run = CliRunner().invoke(app, ["train", "through-slab", "--set", "material.kernel_paths=2000", "--set",
@@ -187,6 +189,8 @@ LOOKED_AT = {"solver": lambda image, light: load_solver().solve(*measured(first_
              "photograph": lambda image, light: judge_photograph(image["image"][0]).probability,
              "interval": lambda image, light: bootstrap(image["image"].mean((1, 2)), torch.arange(2)).mean}  # fmt: skip
 
+WITHOUT = [what for what in LOOKED_AT if what != "solver"]  # the assessment calls it
+
 
 def looked(what, device):
     image = second_batch("through-slab", "cpu")
@@ -202,7 +206,7 @@ def looked_on_host(what):
     return looked_at[what]
 
 
-@pytest.mark.parametrize("what", LOOKED_AT)
+@pytest.mark.parametrize("what", [pytest.param("solver", marks=pytest.mark.slow), *WITHOUT])
 def test_images_of_the_device_can_be_looked_at(what):
     """What computes on the host takes tensors from wherever they lie."""
     np.testing.assert_array_equal(looked(what, "apart"), looked_on_host(what))
@@ -227,9 +231,6 @@ def trained(folder):
     data, held_out = (examples(RECIPE, "autocorrelation", count, split=split) for count,
                       split in ((8, "train"), (4, "validation")))  # fmt: skip
     return train(Training(width=4, epochs=1, batch_size=4), data, held_out, folder)(held_out.inputs.float())
-
-
-WITHOUT = [what for what in LOOKED_AT if what != "solver"]  # the assessment calls it
 
 
 def shown_and_trained(folder):
