@@ -144,7 +144,7 @@ class SetupFit(Pictured):
     range: float | None = None
     ranges: RangeProfile | None = field(default=None, repr=False)
 
-    _named = {"iris": "profile", "grain": "grain", "contrast": "contrast"}
+    _named = {"pupil": "profile", "grain": "grain", "contrast": "contrast"}
 
     def interval(self, level: float = 0.95) -> dict[str, Interval]:
         """Intervals of grain, contrast and noise by name, and of a target the range, which may be open: 0 or infinity.

@@ -380,7 +380,7 @@ def _planned_image(scene: Scene, budget: Budget, options: Options) -> Plan:
     judged = () if pilot is None or pixel is None else pilot.decisions
     kept = [
         d for d in pupil_plan.decisions
-        if d not in judged and d.part != "iris" and (d.reason != "as asked" or asked is not None)
+        if d not in judged and d.part != "pupil" and (d.reason != "as asked" or asked is not None)
     ]  # fmt: skip
     rare = None if pixel is None else rare_paths_decision(pixel.effective_paths)
     if pixel is not None and budget.rel_error is not None:

@@ -120,13 +120,13 @@ def idealisations(
         ))  # fmt: skip
     if scene.illumination.limited:
         decisions.append(Decision(
-            "iris", False, "idealised: no aperture between medium and camera, which collects light from the whole exit "
-            "face; an aperture smaller than the illuminated area makes larger speckle grains",
+            "pupil", False, "idealised: no aperture between medium and camera, which collects light from the whole "
+            "exit face; an aperture smaller than the illuminated area makes larger speckle grains",
         ))  # fmt: skip
     return decisions
 
 
-IDEALISED = ("faces", "polarisation", "bandwidth", "iris")
+IDEALISED = ("faces", "polarisation", "bandwidth", "pupil")
 """Parts of :func:`idealisations`."""
 
 

@@ -25,7 +25,7 @@ def test_it_prints_and_draws(photograph, tmp_path):
         app, ["fit", "setup", str(photograph), "--dark", "20", "--points", "--picture", str(tmp_path / "a.png")]
     )
     assert done.exit_code == 0, done.output
-    assert "iris: disc" in done.output
+    assert "pupil: disc" in done.output
     assert "grain: " in done.output
     assert (tmp_path / "a.png").stat().st_size > 1000
 
