@@ -185,20 +185,23 @@ def test_reconstruction_from_the_autocorrelation_is_refused():
         assert "of coherent objects" in str(told.exception) + told.output
 
 
-def test_frames_of_coherent_objects_are_recognised_and_others_are_not():
+@pytest.mark.parametrize("frames", [2, pytest.param(5, marks=pytest.mark.slow)])
+def test_frames_of_coherent_objects_are_recognised_and_others_are_not(frames):
     """Contrast near 1 is that of one field: most frames of three recipes, none of eight others and of two points."""
-    for name, least in (("coherent-digits", 2), ("coherent-phase", 5), ("coherent-slab", 4)):
-        found = [judge_photograph(load_recipe(name).sample(1, "test", n)["image"]) for n in range(5)]
+    for name, share in (("coherent-digits", 0.4), ("coherent-phase", 1.0), ("coherent-slab", 0.8)):
+        found = [judge_photograph(load_recipe(name).sample(1, "test", n)["image"]) for n in range(frames)]
         coherent = [each for each in found if each.answer == "coherent object"]
-        assert len(coherent) >= least, (name, [each.evidence for each in found])
+        assert len(coherent) >= int(share * frames), (name, [each.evidence for each in found])
         assert all(each.probability == 0 for each in coherent)
         assert "specklegen train coherent-digits" in coherent[0].reasons[0].remedy
     two = {"objects": {"type": "Points", "count": 2, "faintest": 0.3, "shape": [28, 28]}, "media": 1}
-    points = [judge_photograph(image) for image in load_recipe("through-slab", two).batch(1, "test", range(6))["image"]]
+    batch = load_recipe("through-slab", two).batch(1, "test", range(frames))["image"]
+    points = [judge_photograph(image) for image in batch]
     assert all(each.answer != "coherent object" for each in points)
     assert any("no coherent object" in words for each in points for words in each.assumed)
-    for name in ("through-slab", "ground-glass", "unknown-slab", "any-object", "points-beyond-range",
-                 "beyond-memory-effect", "double-diffuser", "moving-diffuser"):  # fmt: skip
+    others = ("points-beyond-range", "ground-glass", "through-slab", "unknown-slab", "any-object",
+              "beyond-memory-effect", "double-diffuser", "moving-diffuser")  # fmt: skip
+    for name in others if frames > 2 else others[:2]:
         sample = load_recipe(name).sample(1, "test", 0)
         image = sample["image"] if "image" in sample else sample["frames"][0]
         assert judge_photograph(image).answer != "coherent object", name
