@@ -62,6 +62,8 @@ SHORTER = [
     ("rel_error=0.02)", "rel_error=0.2)"),
     ("n_rays=100_000", "n_rays=2000"), ("monte_carlo_mean(layer, 4000, seed=0)", "monte_carlo_mean(layer, 8, seed=0)"),
     ("samples=128, folder", "samples=8, folder"),
+    ('split="test", batch_size=16)', 'split="test", batch_size=4)'),
+    ("paths=20_000).intensity", "paths=4_000).intensity"), ("paths=4_000)\nfit", "paths=500)\nfit"),
     ("paths=2000, seed=0, reverse=False)", "paths=50, seed=0, reverse=False)"),
 ]  # fmt: skip
 
