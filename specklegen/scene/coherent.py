@@ -69,7 +69,7 @@ class CoherentObject(Light):
     >>> tissue = sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(0.9))
     >>> scene = sg.Scene(wavelength=0.5, medium=tissue, illumination=shown,
     ...                  sensor=sg.sensors.FarField.grid((32, 32), 6e-4))
-    >>> sg.render(scene, seed=0).field.shape
+    >>> sg.render(scene, paths=10_000, seed=0).field.shape
     (1, 32, 32)
     """
 
