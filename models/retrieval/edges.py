@@ -23,6 +23,10 @@ LEAKS = 3.0
 """Power on the axes over that under the widest taper, above which a wider one is taken."""
 SLOW = 0.65
 """Share of an image's variance below 1.6 / side, above which the widest is taken: 0.02 to 0.3 of even light."""
+FALLING = (0.4, 7.0)
+"""Share below 1.6 / side, and power there over that up to 2.8 / side, above which light falls off to dark edges.
+
+Such light has no jump on the axes. Of 448 images under even light none has both; of 112 in natural light all have."""
 _FIRST, _LINES = 3, 4  # frequencies on the axes, over 1 / side: the first, and the farthest line beside them
 _LEAST = 16  # pixels a side, below which there is no room for a taper
 _FAINT = 1e-3  # of the largest power beside the axes, below which frequencies do not count
@@ -128,8 +132,9 @@ def taper_of(images: Tensor) -> Tensor:
 
     Power on the axes of frequencies is compared with what it is under the widest taper, each over the power beside the
     axes there: light that falls off leaks along the axes alone. The narrowest taper is taken under which it is not more
-    than :data:`LEAKS` times as much, and the widest where light falls off so far that speckle is the smaller part of
-    the variance (:data:`SLOW`). Frames of one object are judged together.
+    than :data:`LEAKS` times as much. Light that falls off to dark edges (:data:`FALLING`) gets one in any case. The
+    widest is taken where speckle is the smaller part of the variance (:data:`SLOW`). Frames of one object are judged
+    together.
     """
     light = images.reshape(len(images), -1, *images.shape[-2:])
     light = light if light.dtype == torch.float64 else light.float()
@@ -141,24 +146,29 @@ def taper_of(images: Tensor) -> Tensor:
     leaked = (along * (counted / beside.clamp_min(torch.finfo(torch.float64).tiny))[:, None]).sum(-1)
     too_narrow = leaked > LEAKS * leaked[:, -1:].clamp_min(torch.finfo(torch.float64).tiny)
     number = too_narrow.long().cumprod(1).sum(1)
-    number[_slow_share(light) > SLOW] = len(WIDTHS) - 1
+    share, over = _slow_share(light)
+    number = torch.where((share > FALLING[0]) & (over > FALLING[1]), number.clamp_min(1), number)
+    number[share > SLOW] = len(WIDTHS) - 1
     return torch.tensor(WIDTHS, dtype=torch.float64)[number.cpu()]
 
 
 @lru_cache(maxsize=64)
 def _slow_waves(pixels: int, dtype: torch.dtype) -> Tensor:
-    """The three slowest waves of one axis, each of the mean square 1, real[3, pixels]."""
+    """The five slowest waves of one axis, each of the mean square 1, real[5, pixels]."""
     turns = 2 * torch.pi * torch.arange(pixels, dtype=torch.float64) / pixels
-    return torch.stack([torch.ones_like(turns), 2**0.5 * turns.cos(), 2**0.5 * turns.sin()]).to(dtype)
+    waves = [2**0.5 * wave for n in (1, 2) for wave in ((n * turns).cos(), (n * turns).sin())]
+    return torch.stack([torch.ones_like(turns), *waves]).to(dtype)
 
 
-def _slow_share(light: Tensor) -> Tensor:
-    """Share of the variance of images real[B, F, H, W] that lies in the lowest eight frequencies, float64[B]."""
+def _slow_share(light: Tensor) -> tuple[Tensor, Tensor]:
+    """Share of the variance of images real[B, F, H, W] in the lowest eight frequencies; its power over the next 16."""
     down, across = (_slow_waves(n, light.dtype).to(light.device) for n in light.shape[-2:])
-    power = (down @ light @ across.T).square().sum((-2, -1))
-    pixels = light.shape[-2] * light.shape[-1]
-    whole = light.square().sum((-2, -1)).double().clamp_min(torch.finfo(torch.float64).tiny)
-    return (power.double() / pixels / whole).mean(1)
+    power = (down @ light @ across.T).square().double()
+    slow, both = power[..., :3, :3].sum((-2, -1)), power.sum((-2, -1))
+    pixels, tiny = light.shape[-2] * light.shape[-1], torch.finfo(torch.float64).tiny
+    whole = light.square().sum((-2, -1)).double().clamp_min(tiny)
+    over = 2 * slow.mean(1) / (both - slow).mean(1).clamp_min(tiny)
+    return (slow / pixels / whole).mean(1), over
 
 
 @lru_cache(maxsize=64)

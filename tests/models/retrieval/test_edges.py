@@ -67,7 +67,7 @@ def speckle(light, count=40, side=96, grain=3, seed=3):
     return torch.from_numpy(blurred[:, :side, :side] * light(u[:, None], u))
 
 
-def test_taper_is_as_wide_as_light_is_uneven():
+def test_taper_is_as_wide_as_light_is_uneven(monkeypatch):
     def chosen(light):
         return edges.taper_of(speckle(light))
 
@@ -76,6 +76,10 @@ def test_taper_is_as_wide_as_light_is_uneven():
     assert (even == 0).double().mean() > 0.7
     assert (tilted > 0).double().mean() > 0.85
     assert (beam == 0.5).all()
+    dim = speckle(lambda y, x: np.exp(-0.5 * (x**2 + y**2)))  # to edges without much of a jump
+    assert (edges.taper_of(dim) > 0).double().mean() > 0.5
+    monkeypatch.setattr(edges, "FALLING", (1.0, 7.0))
+    assert (edges.taper_of(dim) > 0).double().mean() < 0.3  # the axes alone do not tell
     assert (edges.taper_of(torch.ones(2, 12, 12)) == 0).all()  # no room
     assert (edges.taper_of(torch.ones(2, 32, 32)) == 0).all()  # nothing to be seen
 
