@@ -1,4 +1,4 @@
-"""Parts of a scene say what they are like; the number of places that ask for their types may only fall."""
+"""Parts of a scene say what they are like; `make lint` counts the lines that ask for their types."""
 
 import ast
 import runpy
@@ -10,12 +10,6 @@ import pytest
 import specklegen as sg
 
 COUNTER = runpy.run_path(str(Path(__file__).parents[1] / "scripts/count_scene_types.py"))
-
-
-def test_no_more_lines_ask_for_types_than_did():
-    """Fewer lines than the script's number: lower it. More: give the part a property that answers."""
-    lines = COUNTER["lines_that_ask"]()
-    assert len(lines) == COUNTER["MOST"], "\n".join(f"{file}:{n}: {text}" for file, n, text in lines)
 
 
 def test_the_count_knows_every_part_and_every_way_to_ask():
