@@ -15,9 +15,11 @@ import pytest
 
 import specklegen as sg
 
-PROGRAM = """
+BEGIN = """
 import memo_hunt
 memo_hunt.begin()
+"""
+PROGRAM = BEGIN + """
 import numpy as np, torch
 import specklegen as sg
 from specklegen.datasets.recipes.generator import SpeckleGenerator
@@ -71,7 +73,7 @@ def watched(program):
     """What the watch says of a program."""
     here = Path(__file__).parent
     paths = os.pathsep.join([str(here), str(here.parent)])
-    code = PROGRAM + program + "\nprint(memo_hunt.WATCH.report())\n"
+    code = program + "\nprint(memo_hunt.WATCH.report())\n"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=1200,
                           env=os.environ | {"PYTHONPATH": paths})  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -89,7 +91,7 @@ ALL = "[name for name in __import__('specklegen.datasets', fromlist=['x']).recip
 @pytest.mark.parametrize("names", ["['through-slab']", pytest.param(ALL, marks=pytest.mark.slow)],
                          ids=["one recipe", "all recipes"])  # fmt: skip
 def test_what_is_kept_is_what_would_be_worked_out_again(names):
-    lines = watched(CONTEXTS.format(names=names))
+    lines = watched(PROGRAM + CONTEXTS.format(names=names))
     assert findings(lines) == []
     memos, _, hits, _, compared, *_ = lines[-1].split()
     assert int(memos) > 15
@@ -98,7 +100,7 @@ def test_what_is_kept_is_what_would_be_worked_out_again(names):
 
 
 def test_changed_and_impure_memos_are_noticed():
-    lines = watched(SPOILED + IMPURE)
+    lines = watched(BEGIN + SPOILED + IMPURE)
     assert [line.split(":")[0] for line in findings(lines)] == [
         "FINDING specklegen.core.memory.memory_limit", "FINDING specklegen.core.quadrature.gauss_legendre",
     ]  # fmt: skip
