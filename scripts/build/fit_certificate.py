@@ -209,8 +209,7 @@ def drawn_by_waves(number: int, out: Path) -> list[Path]:
     own = dict(shape=(EXTENT, EXTENT))
     kinds = (Glyphs(**own, **HELD_OUT), Polygons(**own), Digits(**own), Strokes(**own), Blobs(**own))
     objects = [kind.image(WAVES_SEED, "train", number) for kind in kinds]
-    inside = slice(4, 4 + EXTENT)
-    objects.append(np.asarray((mix.figure, mix.grating, mix.clouds, mix.face)[number % 4](rng))[inside, inside].clip(0))
+    objects.append(np.asarray((mix.figure, mix.grating, mix.clouds, mix.face)[number % 4](rng)).clip(0))
     hidden = np.stack([one / one.max() for one in objects])
     hidden[hidden < 0.02] = 0
     drawn, lit = drawn_slab(number, WAVES_SEED), (hidden > 0).any(0)
