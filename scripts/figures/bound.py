@@ -21,8 +21,7 @@ from typing import Any, NamedTuple
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
-from _command import run
-from _saving import save
+from _command import run, save
 from torch import Tensor
 
 from specklegen.datasets import load_recipe

@@ -15,8 +15,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from _command import run
-from _saving import save
+from _command import run, save
 
 from specklegen.coherence.cross_spectral_density import (
     gaussian_schell_model,

@@ -18,9 +18,8 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from _command import run
+from _command import run, save
 from _coverage_scenes import PLACES
-from _saving import save
 from references.strip_solver import strip_solver
 from scipy.stats import norm
 

@@ -26,8 +26,7 @@ from typing import NamedTuple
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
-from _command import run
-from _saving import save
+from _command import run, save
 from _why import (
     DIAMETERS,
     FIELD,
