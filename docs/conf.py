@@ -33,7 +33,7 @@ extensions = [
     "gallery_notebooks",
 ]
 root_doc = "index"
-exclude_patterns = ["_build", "gallery/*"]
+exclude_patterns = ["_build", "gallery/**"]
 templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
@@ -73,7 +73,9 @@ sphinx_gallery_conf = {
     "examples_dirs": str(DOCS / "gallery"),
     "gallery_dirs": "auto_gallery",
     "filename_pattern": gallery_notebooks.run_pattern(),
+    "subsection_order": ["gallery/train", "gallery/setup", "gallery/physics"],
     "within_subsection_order": "FileNameSortKey",
+    "reset_modules": ("matplotlib", "gallery_notebooks.narrow_figures"),
     "download_all_examples": False,
     "remove_config_comments": True,
     "min_reported_time": 1e9,

@@ -76,7 +76,7 @@ def head(name: str, script: str, address: str | None) -> str:
     opened = (
         f'<a class="sg-badge" href="{address}/{FOLDER}/{name}.ipynb">Open in Colab</a> · ' if address else ""
     )  # fmt: skip
-    told = f'{opened}<a href="../{FOLDER}/{name}.ipynb" download>Notebook</a>, which installs what it needs'
+    told = f'{opened}<a href="../../{FOLDER}/{name}.ipynb" download>Notebook</a>, which installs what it needs'
     lines = [".. raw:: html", "", f'   <p class="sg-notebook">{told}</p>', ""]
     lost = missing(script)
     if lost:
@@ -90,7 +90,7 @@ def head(name: str, script: str, address: str | None) -> str:
 
 def scripts() -> dict[str, str]:
     """Scripts of the gallery by their names."""
-    return {path.stem: path.read_text(encoding="utf-8") for path in sorted((ROOT / "docs/gallery").glob("plot_*.py"))}
+    return {path.stem: path.read_text(encoding="utf-8") for path in sorted((ROOT / "docs/gallery").glob("*/plot_*.py"))}
 
 
 def run_pattern() -> str:
@@ -101,8 +101,8 @@ def run_pattern() -> str:
 
 def insert_head(app, page: str, source: list[str]) -> None:
     """Put the head of a script's page below its title."""
-    name = page.removeprefix("auto_gallery/")
-    if name != page and name in scripts():
+    folder, _, name = page.rpartition("/")
+    if folder.startswith("auto_gallery/") and name in scripts():
         source[0] = re.sub(
             r"(?m)^(=+)$", lambda rule: f"{rule[1]}\n\n{head(name, scripts()[name], colab())}", source[0], count=1
         )
@@ -114,10 +114,17 @@ def write_notebooks(app, error) -> None:
         return
     folder = Path(app.outdir) / FOLDER
     folder.mkdir(exist_ok=True)
-    for name, script in scripts().items():
-        made = json.loads((Path(app.srcdir) / "auto_gallery" / f"{name}.ipynb").read_text(encoding="utf-8"))
-        whole = with_install(made, script, app.config.release)
-        (folder / f"{name}.ipynb").write_text(json.dumps(whole, indent=1), encoding="utf-8")
+    for made in (Path(app.srcdir) / "auto_gallery").glob("*/plot_*.ipynb"):
+        notebook = json.loads(made.read_text(encoding="utf-8"))
+        whole = with_install(notebook, scripts()[made.stem], app.config.release)
+        (folder / made.name).write_text(json.dumps(whole, indent=1), encoding="utf-8")
+
+
+def narrow_figures(conf: dict, script: str) -> None:
+    """Draw figures so narrow that their text is legible on a telephone; called before each script of the gallery."""
+    from matplotlib import rcParams
+
+    rcParams.update({"figure.figsize": (4.4, 3.4), "figure.dpi": 120, "axes.titlesize": 10, "legend.fontsize": 8.5})
 
 
 def setup(app) -> None:

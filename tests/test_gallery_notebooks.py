@@ -38,7 +38,7 @@ def test_the_first_cell_installs_the_release_and_the_others_stay():
 def test_a_badge_leads_to_colab_where_there_is_an_address(monkeypatch, tmp_path):
     lone = notebooks.head("plot_01_first_speckle", "import numpy", None)
     assert "colab" not in lone
-    assert 'href="../notebooks/plot_01_first_speckle.ipynb"' in lone
+    assert 'href="../../notebooks/plot_01_first_speckle.ipynb"' in lone
     address = "https://colab.research.google.com/github/owner/name/blob/gh-pages"
     there = notebooks.head("plot_01_first_speckle", "import numpy", address)
     assert f'href="{address}/notebooks/plot_01_first_speckle.ipynb"' in there
@@ -54,16 +54,16 @@ def test_a_page_whose_package_is_not_there_says_so_and_is_not_run(monkeypatch):
     page = notebooks.head("plot_25_lightning", SCRIPTS["plot_25_lightning"], None)
     assert "Not run when this site was built: lightning was not there" in page
     assert "specklegen-torch[lightning,torch]" in page
-    assert not re.search(notebooks.run_pattern(), "docs/gallery/plot_25_lightning.py")
-    assert re.search(notebooks.run_pattern(), "docs/gallery/plot_01_first_speckle.py")
+    assert not re.search(notebooks.run_pattern(), "docs/gallery/train/plot_25_lightning.py")
+    assert re.search(notebooks.run_pattern(), "docs/gallery/physics/plot_01_first_speckle.py")
     monkeypatch.setattr(notebooks, "find_spec", importlib.util.find_spec)
     if importlib.util.find_spec("lightning"):
-        assert re.search(notebooks.run_pattern(), "docs/gallery/plot_25_lightning.py")
+        assert re.search(notebooks.run_pattern(), "docs/gallery/train/plot_25_lightning.py")
 
 
 def test_the_head_stands_below_the_title():
     source = [".. _label:\n\nTitle\n=====\n\nText.\n\nMore\n====\n"]
-    notebooks.insert_head(None, "auto_gallery/plot_01_first_speckle", source)
+    notebooks.insert_head(None, "auto_gallery/physics/plot_01_first_speckle", source)
     assert re.match(r"\.\. _label:\n\nTitle\n=====\n\n\.\. raw:: html\n", source[0])
     assert source[0].count("raw:: html") == 1
     other = ["Title\n=====\n"]
