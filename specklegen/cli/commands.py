@@ -117,13 +117,14 @@ _CLASSES = {"fit camera": fit_camera.ManyFiles}
 
 
 def _hinting(kind: type[Any], old: str) -> type[Any]:
-    """Return the class of a command, or of a group, that says its new name when it runs."""
+    """Return the class of a command, or of a group, that prints its new name before it reads its options."""
 
-    def invoke(self: Any, context: Any) -> Any:
-        typer.echo(f"hint: `specklegen {old}` is now `specklegen {MOVED[old]}`", err=True)
-        return kind.invoke(self, context)
+    def make_context(self: Any, name: Any, words: list[str], parent: Any = None, **settings: Any) -> Any:
+        if not settings.get("resilient_parsing"):  # completion in a shell
+            typer.echo(f"hint: `specklegen {old}` is now `specklegen {MOVED[old]}`", err=True)
+        return kind.make_context(self, name, words, parent, **settings)
 
-    return type(kind.__name__, (kind,), {"invoke": invoke})
+    return type(kind.__name__, (kind,), {"make_context": make_context})
 
 
 app.add_typer(recipes.recipes, name="recipes", epilog=epilog("recipes"))

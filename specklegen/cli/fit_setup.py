@@ -7,7 +7,7 @@ from specklegen.cli.settings import argument, option
 
 
 def fit_setup(
-    photographs: list[str] = argument(..., "Files, folders or patterns of frames."),
+    frames: list[str] = argument(..., "Files, folders or patterns of frames.", metavar="FRAME..."),
     dark: str | None = option(None, "Frames without light, or the black level in counts."),
     profile: str | None = option(None, "Shape of the aperture, if known: square, disc or gaussian."),
     points: bool = option(False, "Treat pixels as points, as most simulations do.", "--points"),
@@ -23,7 +23,7 @@ def fit_setup(
 
     require_writable("fit setup --picture", picture)
     shown = None if target is None else read_measurement(target, hot_pixels=False).light[0]
-    setup = fit(photographs, dark=black_level(dark), profile=profile, pixel_integration=not points, target=shown,
+    setup = fit(frames, dark=black_level(dark), profile=profile, pixel_integration=not points, target=shown,
                 target_step=target_step)  # fmt: skip
     names = ("profile", "grain", "grain_error", "contrast", "contrast_error", "noise", "noise_error", "behind",
              "p_value", "tiles", "doubts", "range")  # fmt: skip

@@ -8,7 +8,7 @@ from specklegen.cli.settings import argument, option
 
 
 def twin(
-    photographs: list[str] = argument(..., "Files, folders or patterns of frames."),
+    frames: list[str] = argument(..., "Files, folders or patterns of frames.", metavar="FRAME..."),
     setup: str | None = option(None, "Recipe to compare with (default: speckle of one point, fitted)."),
     images: int = option(64, "Number of images, or stacks, to simulate."),
     dark: str | None = option(None, "Frames without light, or the black level in counts."),
@@ -23,7 +23,7 @@ def twin(
     from specklegen.models.calibration.twin import twin as compare
 
     require_writable("twin --picture", picture)
-    comparison = compare(photographs, setup, images=images, envelope=envelope, dark=black_level(dark),
+    comparison = compare(frames, setup, images=images, envelope=envelope, dark=black_level(dark),
                          pixel_integration=not points, seed=seed)  # fmt: skip
     if out is not None:
         out.write_text(comparison.recipe, encoding="utf-8")

@@ -72,6 +72,7 @@ def test_an_old_spelling_works_and_names_the_new_one():
         old, now = run(*words), run(*new.split(), *words[1:])
         assert old.stderr == f"hint: `specklegen {words[0]}` is now `specklegen {new}`\n"
         assert old.stdout == now.stdout
+    assert run("fit-setup").stderr.startswith("hint: `specklegen fit-setup` is now `specklegen fit setup`\n")
 
 
 def test_every_command_has_examples_that_the_command_line_reads():
