@@ -56,8 +56,8 @@ def hidden_object_sheet(samples: Sequence[Mapping[str, Any]], out: Path) -> Path
         window = _middle(autocorrelation(image), half)
         truth = _middle(autocorrelation_of_object(hidden), round(half / scale))
         rows = (
-            (hidden[::-1, ::-1], "object, turned", 0, 1), (image, "camera image", low, high),
-            (window, "its autocorrelation", 0, 0.7), (truth, "the object's", 0, 0.7),
+            (hidden[::-1, ::-1], "object, rotated 180°", 0, 1), (image, "camera image", low, high),
+            (window, "autocorrelation", 0, 0.7), (truth, "that of the object", 0, 0.7),
         )  # fmt: skip
         for axis, (picture, title, low, high) in zip(axes[:, column], rows, strict=True):
             _show(axis, picture, title if column == 0 else "", low=low, high=high)
@@ -200,7 +200,7 @@ def image_strip(samples: Sequence[Mapping[str, Any]], key: str, out: Path) -> Pa
     """
     figure, axes = _figure(len(samples), 1 + len(samples[0][key]), 1.6, 1.75)
     for row, sample in enumerate(samples):
-        _show(axes[row, 0], np.asarray(sample["object"])[::-1, ::-1], "" if row else "object, turned", low=0, high=1)
+        _show(axes[row, 0], np.asarray(sample["object"])[::-1, ::-1], "" if row else "object, rotated 180°", low=0, high=1)
         images = np.asarray(sample[key], dtype=np.float64)
         low, high = np.percentile(images, [0.5, 99.5])
         for n, image in enumerate(images, 1):

@@ -104,7 +104,7 @@ def _camera(state: State) -> str:
     turned = np.asarray(sample["object"])[::-1, ::-1]
     return drawing.row(
         drawing.picture(drawing.png(sample["image"]), "camera image") + "the camera's image",
-        drawing.picture(drawing.png(turned, high=1.0), "hidden object") + "the object, turned by 180°",
+        drawing.picture(drawing.png(turned, high=1.0), "hidden object") + "the object, rotated by 180°",
     )
 
 

@@ -49,7 +49,7 @@ def _draw_medium(axes: "Axes", scene: "Scene") -> None:
         axes.plot([0, 1, 1, 0, 0], [-1, -1, 1, 1, -1], color="0.3", lw=1)
     elif not medium.homogeneous:
         axes.vlines(medium.edges[1:-1] / medium.thickness, -1, 1, color="0.3", lw=1)
-    words = f"{type(medium).__name__}, {medium.thickness:.4g} thick\noptical depth {medium.optical_depth:.3g}"
+    words = f"{type(medium).__name__}, thickness {medium.thickness:.6g}\noptical depth {medium.optical_depth:.3g}"
     axes.text(0.5, 1.08, words, ha="center", va="bottom", fontsize=8)
 
 
@@ -59,7 +59,7 @@ def _draw_screens(axes: "Axes", scene: "Scene", stack: ScreenStack) -> None:
         axes.plot([place, place], [-1, 1], color="0.3", lw=2, ls=(0, (1, 1)))
         axes.text(place, -1.12, f"{phase:.3g} rad", ha="center", va="top", fontsize=8)
     angle = stack.rms_angle(scene.wavelength)
-    words = f"{type(scene.medium).__name__}, {stack.thickness:.4g} thick\nrms angle {angle:.3g}"
+    words = f"{type(scene.medium).__name__}, thickness {stack.thickness:.6g}\nrms angle {angle:.3g}"
     axes.text(0.5, 1.08, words, ha="center", va="bottom", fontsize=8)
 
 
@@ -85,7 +85,8 @@ def _draw_light(axes: "Axes", scene: "Scene") -> None:
         axes.text(-1.65, -1.3, "{}x{} mutually incoherent beams".format(*light.brightness.shape), fontsize=8)
     else:
         angle = np.rad2deg(np.arccos(np.clip(light.directions[:, -1], -1, 1))).max(initial=0.0)
-        axes.text(-1.65, -1.3, f"{counted(len(light.directions), 'tilt')}, up to {angle:.3g}°", fontsize=8)
+        tilted = f", tilted by up to {angle:.3g}°" if angle else ""
+        axes.text(-1.65, -1.3, counted(len(light.directions), "beam") + tilted, fontsize=8)
     spread = np.unique(np.round(light.directions[:, 0] / np.maximum(np.abs(light.directions[:, -1]), 1e-9), 12))
     chosen = spread[np.unique(np.linspace(0, len(spread) - 1, min(len(spread), _MOST)).astype(int))]
     largest = np.abs(chosen).max(initial=0.0)
@@ -95,7 +96,7 @@ def _draw_light(axes: "Axes", scene: "Scene") -> None:
         axes.annotate("", (-0.02, 0.0), (-0.9, -0.9 * slope), arrowprops={"arrowstyle": "->", "color": "C3", "lw": 1})
     if light.limited:
         axes.plot([0, 0], [-0.8, 0.8], color="C3", lw=3, alpha=0.5)
-        axes.text(-0.06, -0.95, f"{light.profile} window\n{light.width:.4g}", ha="right", fontsize=8)
+        axes.text(-0.06, -0.95, f"illuminated: {light.profile},\n{light.width:.6g} wide", ha="right", fontsize=8)
     else:
         axes.plot([-0.04, -0.04], [-1.2, 1.2], color="C3", lw=1, ls=":")
 
@@ -117,13 +118,12 @@ def _draw_sensor(axes: "Axes", scene: "Scene") -> None:
             axes.plot([plane, (front + back) / 2, back], [0.0, height, 0.0], color="C0", lw=0.8, alpha=0.6)
         axes.text(back, 0.65, f"{shape} pixels\nthrough a lens", ha="center", va="bottom", fontsize=8)
         return
-    kind = "views" if sensor.regular_grid is None else "grid of views"
     sides = (scene.views[:, -1] >= 0, (2.3, 1.05)), (scene.views[:, -1] < 0, (-1.35, -0.08))
     for place, face in (drawn for some, drawn in sides if some.any()):
         axes.plot([place, place], [-0.55, 0.55], color="C0", lw=4)
         for height in (-0.45, 0.0, 0.45):
             axes.plot([face, place], [height * 0.4, height], color="C0", lw=0.8, alpha=0.6)
-        axes.text(place, 0.65, f"{shape} {kind}\nin the far field", ha="center", va="bottom", fontsize=8)
+        axes.text(place, 0.65, f"{shape} directions\nin the far field", ha="center", va="bottom", fontsize=8)
 
 
 def _placed(scene: "Scene", points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -195,4 +195,4 @@ def draw_stack(axes: "Axes", images: np.ndarray) -> None:
         axes.set_axis_off()
         return
     flat = images.reshape(-1, *images.shape[-2:])
-    draw_images(axes, flat, [str(n) for n in range(len(flat))])
+    draw_images(axes, flat, [str(n) for n in range(len(flat))] if len(flat) > 1 else [])
