@@ -1,8 +1,8 @@
-"""The main job on one screen: pictures hidden behind fog, a network that sees through it, a training set, a stream.
+"""The package on one screen: objects reconstructed behind slabs, tilt stacks, memory effect, training set, stream.
 
     python scripts/demo.py --out demo
 
-leaves pictures and a data set in demo/; the last lines say what each picture shows.
+writes pictures and a data set into demo/; the last lines describe each picture.
 """
 
 import argparse
@@ -37,52 +37,51 @@ SAMPLES = 256
 OBJECT, SIDE = 28, 48
 """Pixels of an object, and of the frame on which reconstructions are compared with characters."""
 PICTURES = {
-    "seeing-through.png": "characters behind slabs that the network has never seen: camera, phase retrieval, network",
-    "characters.png": "hidden characters, what the camera sees of them, and the autocorrelations of both",
-    "tilt-stack.png": "speckle of four materials under five tilts: it moves, and turns into another pattern",
-    "memory-effect.png": "how far speckle keeps its shape under tilt, for two fogs of one optical depth",
-    "through-slab.png": "the training set: cut-outs of photographs; the autocorrelation of each image is its object's",
-    "held-out-letters.png": "the hardest: neither the slabs nor the letters were in the network's training; framed: "
-    "correlates more with another character; p: the solver's confidence, the probability that r > 0.8",
+    "seeing-through.png": "characters behind unseen slabs: camera image, phase retrieval, network, object",
+    "characters.png": "hidden characters, their camera images, and the autocorrelations of both",
+    "tilt-stack.png": "speckle of four materials under five tilts: it shifts, and decorrelates",
+    "memory-effect.png": "correlation of speckle over tilt, for two slabs of equal optical depth",
+    "through-slab.png": "the training set: cut-outs of photographs; autocorrelations of image and object are similar",
+    "held-out-letters.png": "the hardest test: unseen slabs and unseen characters; red: resembles another "
+    "character more; p: the solver's confidence",
 }
-"""What the demo draws, what works best first."""
-MEASURES = """number: Pearson correlation to the hidden object
-"x": the character that correlates most with the picture, of all in its
-font, turned by up to 16° from it and .75 to 1.1 times as large; a measure
-of likeness, not a reader. Red: another one than the hidden character
-p: the solver's claim, without the object, that the number is above .8"""
-"""What stands below the pictures of the hardest letters."""
+"""Pictures of the demo, the best results first."""
+MEASURES = """number: Pearson correlation r with the hidden object
+"x": the character of its font that correlates most with the picture,
+rotated by up to 16° and scaled by 0.75 to 1.1. Red: it is not the hidden one
+p: confidence of the solver, the probability that r > 0.8"""
+"""Legend below the pictures of unseen characters."""
 PHOTOGRAPHS = {
     "objects": {"type": "Silhouettes", "shape": [28, 28]},
     "window": {"profile": "disc"},
     "camera": {"shape": [256, 256]},
 }
-"""Cut-outs of photographs on a camera large enough for them, as ``specklegen check recoverable`` says."""
+"""Cut-outs of photographs, and a camera that ``specklegen check recoverable`` finds large enough."""
 
 
 def step(title: str) -> None:
-    """Print what comes now, and how long it took to come here."""
+    """Print the title of a step, and the seconds since the start."""
     print(f"{title}  [{time.perf_counter() - BEGUN:.0f} s]", flush=True)
 
 
 def compile_kernels(recipe) -> None:
-    """Compile before anything is timed; the next run finds the kernels in the user's cache.
+    """Compile the kernels before anything is timed; the next run finds them in the user's cache.
 
-    Walks compile in a process beside this one (``make demo`` had it done while it installed), which compiles what draws
-    from them: images behind a thin screen.
+    Random walks compile in a second process (``make demo`` did so during the installation), images behind a thin screen
+    in this one.
     """
     print("Compiling, once ...", end=" ", flush=True)
     begin = time.perf_counter()
     with subprocess.Popen([sys.executable, Path(__file__).with_name("compile_walks.py")]):
         load_recipe("ground-glass").sample(0, "train", 0)
-    recipe.sample(0, "train", 0)  # and whatever the other process could not keep
+    recipe.sample(0, "train", 0)  # and what the other process could not cache
     print(f"{time.perf_counter() - begin:.0f} s")
 
 
 def see_through(changes: dict, out: Path, count: int, certified: bool = False) -> None:
     """Reconstruct characters of the test split, behind slabs of unknown material.
 
-    ``certified``: by the solver for any object too, with its confidence, and each answer read as a character.
+    ``certified`` adds the solver with its confidence, and compares each reconstruction with all characters.
     """
     recipe = load_recipe("unknown-slab", changes)
     batch = tensors(recipe.batch(0, "test", range(count)))
@@ -94,29 +93,28 @@ def see_through(changes: dict, out: Path, count: int, certified: bool = False) -
         methods["solver"] = lambda _: solved.image
     found, cases = evaluate(methods, [batch], recipe.profile)
     means = ", ".join(f"{name} {found.interval(name).mean:.2f}" for name in methods)
-    print(f"  Pearson correlation to the hidden objects, on average: {means}")
+    print(f"  mean Pearson correlation with the hidden objects: {means}")
     if solved is None:
         contact_sheet(cases, out)
         return
     notes = readings(recipe.objects, cases)
     for name, said in notes.items():
-        print(f"  {name}: {sum(note.wrong for note in said)} of {len(said)} correlate more with another character")
+        print(f"  {name}: {sum(note.wrong for note in said)} of {len(said)} resemble another character more")
     sure = solved.probability.numpy()
     pairs = zip(notes["solver"], sure, strict=True)
     notes["solver"] = [
         Note(f"{note.text}  {f'p {share:.2f}' if np.isfinite(share) else 'no p'}", note.wrong) for note, share in pairs
     ]
     good, claimed = np.array([case.scores["solver"] > 0.8 for case in cases]), sure >= 0.5
-    print(f"  p, the solver's claim that the correlation is above .8, is at least .5 for {claimed.sum()} of them: "
-          f"rightly for {good[claimed].sum()}. A letter it does not promise.")  # fmt: skip
+    print(f"  the solver's confidence p is 0.5 or more for {claimed.sum()} of {len(sure)}; r > 0.8 holds for "
+          f"{good[claimed].sum()} of these")  # fmt: skip
     contact_sheet(cases, out, notes, MEASURES)
 
 
 def readings(family: Glyphs, cases: list[Case]) -> dict[str, list[Note]]:
-    """Which character each reconstruction of the first test objects looks like most, and whether that is wrong.
+    """Return the character that each reconstruction of the first test objects resembles most, and if it is wrong.
 
-    Candidates are all characters in the font of the hidden one, about its turn and size; shift and half a turn are
-    free, as they are to the score.
+    Candidates are all characters of the hidden one's font, near its rotation and size, up to shift and 180 degrees.
     """
     found: dict[str, list[Note]] = {name: [] for name in cases[0].reconstructions}
     for n, case in enumerate(cases):
@@ -133,11 +131,11 @@ def readings(family: Glyphs, cases: list[Case]) -> dict[str, list[Note]]:
 
 
 HALF_A_TURN = {"6": "9", "9": "6", "b": "q", "q": "b"}
-"""Characters that are each other's after half a turn, which no autocorrelation tells."""
+"""Characters that a rotation by 180 degrees, which the autocorrelation leaves open, turns into one another."""
 
 
 def glyph(font: str, character: str, degrees: float, size: float) -> np.ndarray:
-    """A character float[SIDE, SIDE], turned, as wide or high as a share of the frame of an object; y upwards."""
+    """Draw a rotated character, float[SIDE, SIDE]; ``size`` is its share of the object's frame; y upwards."""
     turn = np.exp(1j * np.deg2rad(degrees))
     ends = outline(font, character).reshape(-1, 2) @ np.array([1, 1j]) * turn
     ends -= ends.real.min() + 1j * ends.imag.min()
@@ -155,7 +153,7 @@ def likeness(picture: np.ndarray, drawn: np.ndarray) -> np.ndarray:
 
 
 def memory_effect(out: Path) -> None:
-    """Draw the memory effect of two fogs of the same optical depth."""
+    """Draw the memory effect of two slabs of equal optical depth."""
     tilts = np.deg2rad(np.linspace(0, 0.04, 33))
     curves = {}
     for g in (0.0, 0.9):
@@ -168,19 +166,19 @@ def memory_effect(out: Path) -> None:
 
 
 def fill(recipe, samples: int, folder: Path) -> None:
-    """Fill a store, or fill it up; in this process, which has what others would have to load first."""
+    """Fill a store, or what is missing of it, in this process, which has loaded everything."""
     begin = time.perf_counter()
     with Progress(samples) as progress:
         said = generate(recipe, 0, "train", samples=samples, folder=folder, progress=progress, processes=1)
     if said["rendered"]:
         took = time.perf_counter() - begin
-        print(f"  {said['rendered']} samples in {took:.1f} s, {said['rendered'] / took:.0f} a second, start included")
+        print(f"  {said['rendered']} samples in {took:.1f} s, {said['rendered'] / took:.0f} per second, start included")
     else:
-        print("  all there already: a store is filled up, never started over")
+        print("  complete already: only missing samples are rendered")
 
 
 def stream(recipe, batches: int) -> float:
-    """Samples a second out of a loader, after its first batch."""
+    """Return the samples per second of a loader, after its first batch."""
     count, begin = 0, 0.0
     for n, batch in enumerate(SpeckleStream(recipe, seed=0, split="train", batch_size=32).loader()):
         if n == 0:
@@ -204,31 +202,31 @@ def main() -> None:
     photographs = load_recipe("through-slab", PHOTOGRAPHS)
     compile_kernels(through)
 
-    step("1. Seeing through: the packaged network on eight new slabs, characters of its training in them")
+    step("1. Reconstruct characters behind eight unseen slabs, with the packaged network")
     see_through({}, out / "seeing-through.png", 8)
     pictures.hidden_object_sheet([through.sample(0, "train", n) for n in range(6)], out / "characters.png")
 
-    step("2. A stack of speckle images under tilt, of four random materials")
+    step("2. Render speckle of four random materials under five tilts")
     stacks = load_recipe("tilt-stack")
     pictures.tilt_strip([stacks.sample(0, "train", n) for n in range(4)], out / "tilt-stack.png")
 
-    step("3. The memory effect: how far speckle keeps its shape under tilt")
+    step("3. Compute the memory effect: the correlation of speckle over tilt")
     memory_effect(out / "memory-effect.png")
 
-    step(f"4. A training set: {arguments.samples} cut-outs of photographs, into {out / 'through-slab.zarr'}")
-    print("  can they be seen at all? It " + recoverable(photographs).explain().partition("\n")[0])
+    step(f"4. Render a training set of {arguments.samples} cut-outs of photographs into {out / 'through-slab.zarr'}")
+    print("  reconstruction " + recoverable(photographs).explain().partition("\n")[0])
     fill(photographs, arguments.samples, out / "through-slab.zarr")
     cache = SpeckleCache(out / "through-slab.zarr")
     shown = [cache.numpy(n) for n in range(min(6, len(cache)))]
     pictures.hidden_object_sheet(shown, out / "through-slab.png")
 
-    step("5. The same samples through a DataLoader, rendered on the fly")
-    print(f"  {stream(photographs, 12):.0f} samples a second here; loader(num_workers=2) renders in two processes")
+    step("5. Stream the same samples through a DataLoader, rendered on the fly")
+    print(f"  {stream(photographs, 12):.0f} samples per second in one process; loader(num_workers=2) uses two more")
 
-    step("6. Seeing through once more: letters that the network has never seen either")
+    step("6. Reconstruct characters that the network has not seen either")
     see_through({"objects": {"disjoint": "character"}}, out / "held-out-letters.png", 4, certified=True)
 
-    print("\nLook at:")
+    print("\nPictures:")
     for name, what in PICTURES.items():
         print(f"  {out / name}: {what}")
 
