@@ -200,7 +200,7 @@ def image_strip(samples: Sequence[Mapping[str, Any]], key: str, out: Path) -> Pa
     """
     figure, axes = _figure(len(samples), 1 + len(samples[0][key]), 1.6, 1.75)
     for row, sample in enumerate(samples):
-        _show(axes[row, 0], np.asarray(sample["object"])[::-1, ::-1], "" if row else "object, rotated 180°", low=0, high=1)
+        _show(axes[row, 0], np.asarray(sample["object"])[::-1, ::-1], "" if row else "object, rotated", low=0, high=1)
         images = np.asarray(sample[key], dtype=np.float64)
         low, high = np.percentile(images, [0.5, 99.5])
         for n, image in enumerate(images, 1):

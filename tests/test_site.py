@@ -25,7 +25,7 @@ from scenes import ROOT
 from specklegen import SUBJECTS
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-LONG = re.compile(r"(auto_gallery|generated|notes)/|project/(changelog|contributing|reference)|genindex|py-modindex|search")
+LONG = re.compile(r"(auto_gallery|generated|notes)/|project/(changelog|contributing|reference)|genindex|py-mod|search")
 """Pages that may be longer: reference, gallery, and what developers read."""
 QUIET = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
          "--disable-background-networking", "--disable-component-update"]  # fmt: skip
