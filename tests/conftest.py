@@ -34,7 +34,12 @@ def pytest_collection():
 
 
 def pytest_collection_modifyitems(items):
-    """Give long validations half a day in the place of the ten minutes of all other tests."""
+    """Give long validations half a day in the place of the ten minutes of all other tests; begin with wave tracing.
+
+    Its kernels take longest to compile, and pages and examples use them. At the end of a run, where processes take over
+    each other's tests, two of them would compile the same ones side by side.
+    """
+    items.sort(key=lambda item: "wavetracing" not in item.path.parts)
     for item in items:
         if item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.timeout(12 * 3600))
