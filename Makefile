@@ -23,10 +23,11 @@ BIN = .venv/bin
 	$(BIN)/pip install --quiet --no-compile "$(TORCH)" "specklegen-torch[photographs]" && { \
 		$(BIN)/python -m compileall -qq .venv/lib/python3*/site-packages/torch; wait; touch $@; }
 
+# Kernels of wave tracing, which take longest to compile, do so beside pip: it unpacks on one processor.
 .venv/installed-tests: .venv/installed
-	$(BIN)/pip install --quiet --editable ".[dev,digits,photographs,mie,dask,mesh,validate,parquet,remote,hdf5,video]"
-	$(BIN)/python -m compileall -qq -j 0 .venv/lib/python3*/site-packages || true  # tests start many processes
-	touch $@
+	$(BIN)/python scripts/compile_walks.py --waves > /dev/null 2>&1 & \
+	$(BIN)/pip install --quiet --editable ".[dev,digits,photographs,mie,dask,mesh,validate,parquet,remote,hdf5,video]" && { \
+		$(BIN)/python -m compileall -qq -j 0 .venv/lib/python3*/site-packages; wait; touch $@; }  # tests start many processes
 
 demo: .venv/installed  ## generate a small training set, stream it, leave pictures in demo/
 	$(BIN)/python scripts/demo.py --out demo

@@ -1,15 +1,26 @@
-"""Compile the walks through slabs, which need no PyTorch, into the user's cache of kernels.
+"""Compile the walks through slabs, which need no PyTorch, into the user's cache of kernels; or those of wave tracing.
 
     python scripts/compile_walks.py
+    python scripts/compile_walks.py --waves
 
-``make demo`` runs it while packages are unpacked: a compiler and an unpacker keep two processors busy.
+`make demo` and `make test` run it while packages are unpacked: a compiler and an unpacker keep two processors busy.
 """
+
+import re
+import sys
+from pathlib import Path
 
 import specklegen as sg
 
+PAGE = Path(__file__).parents[1] / "docs" / "wavetracing.md"
+
 
 def main() -> None:
-    """Compute one short memory effect; what it compiles stays on disk."""
+    """Compute one short memory effect, or what a page on wave tracing computes; what is compiled stays on disk."""
+    if "--waves" in sys.argv:
+        for block in re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
+            exec(block, {"__name__": "block"})
+        return
     slab = sg.Slab(thickness=1000.0, mean_free_path=100.0, scatterer=sg.media.HenyeyGreenstein(g=0.9))
     sg.memory_effect(slab, wavelength=0.5, tilts=[0.0, 1e-5], paths=4000)
 
