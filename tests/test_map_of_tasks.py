@@ -112,7 +112,7 @@ class Workshop:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         for top in COPIED:
-            shutil.copytree(ROOT / top, folder / top, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(ROOT / top, folder / top, symlinks=True)
 
     def change(self, task: str, file: str, old: str, new: str) -> None:
         """Write a file, or replace a text that stands in it once; the row of the task must name it."""

@@ -186,7 +186,7 @@ def run(root: Path, store: Path, samples: int) -> dict[str, Any]:
 def test_a_new_field_with_a_default_changes_no_fingerprint(tmp_path):
     """Five classes get a field: fingerprints, tasks of the benchmark and a store that goes on are as before."""
     for folder in ("specklegen", "datasets", "models"):
-        shutil.copytree(ROOT / folder, tmp_path / folder, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / folder, tmp_path / folder, symlinks=True)
     before = run(tmp_path, tmp_path / "a.zarr", 4)
     for name, (cls, field) in GROWN.items():
         head, start, rest = (tmp_path / name).read_text().partition(f"\n{cls}")
