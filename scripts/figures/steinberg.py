@@ -20,6 +20,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _command import run, save
 from _coverage_scenes import PLACES
+from references.pattern_trials import mean_trials
 from references.strip_solver import strip_solver
 from scipy.stats import norm
 
@@ -43,9 +44,7 @@ from specklegen.wavetracing import (
     trace,
     wedge_coefficients,
 )
-from specklegen.wavetracing.envelope import edge_envelope
 from specklegen.wavetracing.materials import LIGHT_SPEED
-from specklegen.wavetracing.opening import rim_of
 
 OUT = Path("docs/wavetracing")
 K = 2 * np.pi
@@ -287,7 +286,7 @@ def trials(out, quick):  # noqa: ARG001
     }  # fmt: skip
     for name, loop in shapes.items():
         drawn = sample_pattern(loop, count, 0, threads=1)
-        rows.append([name, edge_envelope(rim_of("opening", loop)).trials, drawn.trials / (count + drawn.evanescent)])
+        rows.append([name, mean_trials(loop), drawn.trials / (count + drawn.evanescent)])
     table("Trials a draw", ["opening", "expected", "measured"], rows)
 
 

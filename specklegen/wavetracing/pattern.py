@@ -25,8 +25,7 @@ from specklegen.core.random_streams import Seed, Stream, stream_key
 from specklegen.core.units import LENGTH, WAVELENGTH
 from specklegen.wavetracing.angular_spectrum import quadrature
 from specklegen.wavetracing.aperture import Amplitude, aperture_transform
-from specklegen.wavetracing.envelope import edge_envelope
-from specklegen.wavetracing.kernels.patterns import draw_polygon, draw_slits, draw_table, fill_alias
+from specklegen.wavetracing.kernels.patterns import draw_polygons, draw_slits, draw_table, fill_alias
 from specklegen.wavetracing.opening import Opening, Rim, doubt_narrow, rim_of
 
 Method = Literal["rejection", "table"]
@@ -205,9 +204,8 @@ def sample_pattern(
         return _draw(partial(_fill, draw_table, (*arguments, longest)), (_count(count), 2), seed, threads)
     if callable(amplitude):
         reject("sample_pattern amplitude", "a number for rejection", amplitude, 'Use method="table".')
-    envelope = edge_envelope(rim)
-    arguments = (rim.about_centre, rim.area, envelope.radius, envelope.cumulative, longest)
-    return _draw(partial(_fill, draw_polygon, arguments), (_count(count), 2), seed, threads)
+    arguments = (rim.about_centre, rim.area, longest)
+    return _draw(partial(_fill, draw_polygons, arguments), (_count(count), 2), seed, threads)
 
 
 def _longest(wavelength: float | None) -> float:

@@ -1,6 +1,5 @@
 """Diffraction patterns of traced beams: against the exact field of a hole, and of partially coherent light."""
 
-import math
 import time
 
 import numpy as np
@@ -9,10 +8,8 @@ from scipy.stats import chi2
 from wavetracing.screens import FAR, HEXAGRAM, HEXAGRAM_AREA, rim_intensity, screen, slit
 from zscore import FALSE_ALARM, assert_z
 
-from specklegen.kernels import kernel
 from specklegen.wavetracing import CollimatedEmitter, Geometry, Mesh, Plane, trace
 from specklegen.wavetracing.kernels.masked_beams import FINE, GRID, WORDS, draw_raster, fitted
-from specklegen.wavetracing.kernels.region_patterns import draw_polygon
 
 K = 2 * np.pi
 
@@ -179,36 +176,6 @@ def test_light_in_the_shadow_of_a_half_plane():
             for wrong in (share / 2, share * 2):
                 with pytest.raises(AssertionError, match="z ="):
                     assert_z(got, wrong, np.sqrt(wrong / beams), slack=0.04 * wrong)
-
-
-@kernel
-def draw_polygons(key0, key1, first, edges, area, xi):
-    """Fill ``xi`` float64[n, 2] with draws of the paths ``first``, ...; NaN where one fails. Return the tries."""
-    tries = 0
-    for n in range(xi.shape[0]):
-        path = np.uint64(first + n)
-        x, y, _, count, found = draw_polygon(np.uint64(key0), np.uint64(key1), path, np.uint64(0), edges, area)
-        xi[n, 0], xi[n, 1] = (x, y) if found else (math.nan, math.nan)
-        tries += count
-    return tries
-
-
-def test_power_of_a_square_within_circles():
-    """Shares of |Psi|^2 of a square of 10 wavelengths within three sines; tries as the envelope's mass predicts."""
-    corners = 5.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
-    ends = np.roll(corners, -1, axis=0)
-    edges = np.hstack([(corners + ends) / 2, ends - corners])
-    count = 200_000
-    xi = np.empty((count, 2))
-    tries = draw_polygons(1, 2, 0, edges, 100.0, xi)
-    assert np.isfinite(xi).all()
-    sine = np.hypot(*xi.T) / K
-    for limit, share in ((0.05, 0.52748), (0.2, 0.90091), (1.0, 0.97977)):
-        assert_z((sine < limit).mean(), share, np.sqrt(share * (1 - share) / count), slack=1e-5)
-    c = 3 / 10
-    mass = np.pi * (c * 100) ** 2 + 4 * 4 * np.pi * 40 / c
-    expected = mass / (4 * np.pi**2 * 100)
-    assert_z(tries / count, expected, np.sqrt(expected * (expected - 1) / count))
 
 
 @pytest.mark.parametrize("rows", [(100, 131), (0, FINE - 1)])

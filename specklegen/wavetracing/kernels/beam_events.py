@@ -13,7 +13,7 @@ from specklegen.wavetracing.kernels.beam_state import axes_about, leave_region
 from specklegen.wavetracing.kernels.cone_bvh import collect_all, unpacked
 from specklegen.wavetracing.kernels.cones import CONE, triangle_in_cone
 from specklegen.wavetracing.kernels.masked_beams import cover, draw_raster, fitted, shares
-from specklegen.wavetracing.kernels.region_patterns import draw_polygon
+from specklegen.wavetracing.kernels.patterns import draw_polygon
 from specklegen.wavetracing.kernels.regions import holds, project, recentre
 
 _ONE = np.uint64(1)

@@ -25,10 +25,13 @@ import numpy as np
 
 from specklegen.kernels import inlined, kernel
 from specklegen.kernels.rng import uniforms
+from specklegen.kernels.trigonometry import sincos_turns
 from specklegen.wavetracing.kernels.apertures import polygon_transform, sinc
 
 _TRIES = 1024
 """Tries for each wave of the sum; then the draw counts as failed."""
+_TURN = 0.5 / math.pi
+_ONE = np.uint64(1)
 
 
 @inlined
@@ -109,66 +112,110 @@ def _kept(xi, n, x, y, longest, counts):
     return True
 
 
-@kernel
-def draw_polygon(key0, key1, first, edges, area, radius, cumulative, longest, xi, counts):
-    """Fill ``xi`` float64[n, 2] with draws ``first``, ``first`` + 1, ...; NaN where every try failed.
+@inlined
+def _powers(edges, x, y):
+    """|sum_e Psi_e|^2 and sum_e |Psi_e|^2, both times |xi|^4, away from xi = 0, where the sum cancels."""
+    real = imag = power = 0.0
+    for e in range(edges.shape[0]):
+        b = 0.5 * (x * edges[e, 2] + y * edges[e, 3])
+        sine, _ = sincos_turns(b * _TURN)
+        size = (x * edges[e, 3] - y * edges[e, 2]) * (sine / b if abs(b) > 1e-4 else 1.0 - b * b / 6.0)
+        sine, cosine = sincos_turns((x * edges[e, 0] + y * edges[e, 1]) * _TURN)
+        real += size * cosine
+        imag += size * sine
+        power += size * size
+    return real * real + imag * imag, power
 
-    edges      : float64[N, 4]    midpoint and vector of each edge, about any point
-    radius     : float            c, the disc of the bound A^2
-    cumulative : float64[N + 1]   running sum of N E_e over the edges, then with pi c^2 A^2 for the disc
-    longest, counts               as in `draw_slits`
+
+@inlined
+def disc_radius(length, area, count):
+    """Radius c of the disc, of openings of so many edges and so long a border: mean trials within a tenth of the least.
+
+    0.62 length / area where edges are long beside 1 / c; where they are many and short, the least of
+    pi c^2 A^2 + 4 pi N length / c.
+    """
+    return min(0.62 * length / area, (2.0 * count * length / (area * area)) ** (1.0 / 3.0))
+
+
+@kernel
+def draw_polygon(key0, key1, path, counter, edges, area):
+    """One xi of an opening's pattern: (x, y, counter behind the draws, trials, found or not).
+
+    edges : float64[N, 4]   midpoint and vector of each edge, all loops in one sense
+    area  : float           of the opening, positive
+
+    Edge e is proposed under the larger envelope |e|^2 sinc^2(p|e|/2) 2/c, of mass 4 pi |e| / c, so that no masses are
+    computed; a proposal that G(p) < 1/c turns down starts over from the choice of the component, and is no trial.
+    """
+    count, length = edges.shape[0], 0.0
+    for e in range(count):
+        length += math.sqrt(edges[e, 2] * edges[e, 2] + edges[e, 3] * edges[e, 3])
+    c = disc_radius(length, area, count)
+    disc = math.pi * c * c * area * area
+    rims = count * 4.0 * math.pi * length / c
+    tries = 0
+    for _ in range(8 * _TRIES * count):
+        u, keep, v, w = uniforms(key0, key1, np.uint64(0), path, counter)
+        counter += _ONE
+        u *= disc + rims
+        if u < disc:
+            tries += 1
+            r = c * math.sqrt(v)
+            sine, cosine = sincos_turns(w)
+            x, y = r * cosine, r * sine
+            value = polygon_transform(edges, area, x, y)
+            if keep * area * area < value.real * value.real + value.imag * value.imag:
+                return x, y, counter, tries, True
+        else:
+            target, chosen = (u - disc) / rims * length, 0
+            size = math.sqrt(edges[0, 2] * edges[0, 2] + edges[0, 3] * edges[0, 3])
+            while target > size and chosen < count - 1:
+                target -= size
+                chosen += 1
+                size = math.sqrt(edges[chosen, 2] * edges[chosen, 2] + edges[chosen, 3] * edges[chosen, 3])
+            if size == 0.0:
+                continue
+            s, counter = draw_sinc(key0, key1, path, counter)
+            p = 2.0 * s / size
+            share = min(1.0, abs(p) / c)
+            alpha = math.asin(share)
+            a, b, t, sign = uniforms(key0, key1, np.uint64(0), path, counter)
+            counter += _ONE
+            if a * abs(p) >= c * 0.5 * (alpha + share * math.sqrt(1.0 - share * share)):
+                continue
+            tries += 1
+            sine, cosine = sincos_turns(alpha * b * _TURN)
+            while t > cosine * cosine:
+                _, b, t, sign = uniforms(key0, key1, np.uint64(0), path, counter)
+                counter += _ONE
+                sine, cosine = sincos_turns(alpha * b * _TURN)
+            q = abs(p) * cosine / sine
+            q = q if sign < 0.5 else -q
+            ex, ey = edges[chosen, 2] / size, edges[chosen, 3] / size
+            x, y = p * ex + q * ey, p * ey - q * ex
+            value, bound = _powers(edges, x, y)
+            if keep * count * bound < value:
+                return x, y, counter, tries, True
+    return 0.0, 0.0, counter, tries, False
+
+
+@kernel
+def draw_polygons(key0, key1, first, edges, area, longest, xi, counts):
+    """Fill ``xi`` float64[n, 2] with draws ``first``, ``first`` + 1, ... of a polygon; NaN where every try failed.
+
+    edges, area as in `draw_polygon`, edges about any point;  longest, counts as in `draw_slits`
     """
     k0, k1 = np.uint64(key0), np.uint64(key1)
-    sides = edges.shape[0]
     for n in range(xi.shape[0]):
-        path, counter, tries = np.uint64(first + n), np.uint64(0), 0
+        path, counter, tries, found = np.uint64(first + n), np.uint64(0), 0, True
         xi[n, 0] = xi[n, 1] = math.nan
-        while tries < _TRIES * sides:
-            u, keep, v, w = uniforms(k0, k1, np.uint64(0), path, counter)
-            counter += np.uint64(1)
-            chosen = pick(cumulative, u)
-            tries += 1
-            if chosen == sides:
-                r, turn = radius * math.sqrt(v), 2.0 * math.pi * w
-                x, y = r * math.cos(turn), r * math.sin(turn)
-                bound = area * area
-            else:
-                ex, ey = edges[chosen, 2], edges[chosen, 3]
-                length = math.sqrt(ex * ex + ey * ey)
-                p, alpha = 0.0, 0.0
-                while True:
-                    s, counter = draw_sinc(k0, k1, path, counter)
-                    p = 2.0 * s / length
-                    share = min(1.0, abs(p) / radius)
-                    alpha = math.asin(share)
-                    a, b, c, d = uniforms(k0, k1, np.uint64(0), path, counter)
-                    counter += np.uint64(1)
-                    if a * abs(p) < radius * (0.5 * alpha + 0.25 * math.sin(2.0 * alpha)):
-                        break
-                phi = alpha * b
-                cosine = math.cos(phi)
-                while c > cosine * cosine:
-                    _, b, c, d = uniforms(k0, k1, np.uint64(0), path, counter)
-                    counter += np.uint64(1)
-                    phi = alpha * b
-                    cosine = math.cos(phi)
-                q = abs(p) * cosine / math.sin(phi)
-                q = q if d < 0.5 else -q
-                x, y = (p * ex + q * ey) / length, (p * ey - q * ex) / length
-                bound = 0.0
-                square = x * x + y * y
-                for e in range(sides):
-                    across = x * edges[e, 3] - y * edges[e, 2]
-                    term = across / square * sinc(0.5 * (x * edges[e, 2] + y * edges[e, 3]))
-                    bound += term * term
-                bound *= sides
-            value = polygon_transform(edges, area, x, y)
-            if keep * bound < value.real * value.real + value.imag * value.imag:
-                if _kept(xi, n, x, y, longest, counts):
-                    break
+        while found and tries < _TRIES * edges.shape[0]:
+            x, y, counter, more, found = draw_polygon(k0, k1, path, counter, edges, area)
+            tries += more
+            if found and _kept(xi, n, x, y, longest, counts):
+                break
         counts[0] += tries
-        if xi[n, 0] != xi[n, 0]:
-            counts[2] += 1
+        counts[2] += xi[n, 0] != xi[n, 0]
 
 
 @kernel
