@@ -1,3 +1,6 @@
+from .antennas import AntennaTable as AntennaTable
+from .antennas import ImpulseResponse as ImpulseResponse
+from .antennas import impulse_response as impulse_response
 from .aperture import aperture_transform as aperture_transform
 from .aperture import gaussian_mass as gaussian_mass
 from .beams import GaussianBeam as GaussianBeam

@@ -162,13 +162,18 @@ def _frame(axis: np.ndarray, way: np.ndarray, plane: bool, before: np.ndarray) -
     return np.array([soft, np.cross(soft, way)])
 
 
+def spherical(way: np.ndarray) -> np.ndarray:
+    """Unit vectors float64[2, 3] along theta and phi at a direction; on the z axis phi = 0 is taken."""
+    level = np.cross([0.0, 0.0, 1.0], way)
+    phi = level / np.linalg.norm(level) if np.linalg.norm(level) > 1e-12 else np.array([0.0, 1.0, 0.0])
+    return np.array([np.cross(phi, way), phi])
+
+
 def _carried(row: np.ndarray, codes: np.ndarray, ways: np.ndarray, search: PathSearch) -> np.ndarray:
     """Fields complex128[2, 3] at the end of a path, of unit vectors along theta and phi at its beginning."""
     surfaces = row[edge_paths.SURFACES : edge_paths.PAIR].view(complex).reshape(-1, 2)
     pair = row[edge_paths.PAIR : edge_paths.PAIR + 8].view(complex).reshape(2, 2)
-    level = np.cross([0.0, 0.0, 1.0], ways[0])
-    phi = level / np.linalg.norm(level) if np.linalg.norm(level) > 1e-12 else np.array([0.0, 1.0, 0.0])
-    fields = np.array([np.cross(phi, ways[0]), phi])[:, None] * np.array([1, 0])[None, :, None] + 0j  # [2, 2, 3]
+    fields = spherical(ways[0])[:, None] * np.array([1, 0])[None, :, None] + 0j  # [2, 2, 3]
     bends = np.flatnonzero(codes > 0)
     for n, code in enumerate(codes):
         edge = code > 0
