@@ -554,6 +554,12 @@ def waves() -> Iterator[Call]:
         {"geometry": geometry, "source": EMITTER, "point": [0.0, 0.0, 5.0], "reflections": 1, "diffractions": 1,
          "polarisation": "soft", "surfaces": "perfect"},
     )  # fmt: skip
+    yield Call("picture", wavetracing.picture,
+               {"geometry": geometry, "source": EMITTER, "plane": PLANE, "reflections": 0, "diffractions": 0,
+                "samples": 1, "threads": 1})  # fmt: skip
+    yield Call("impulse_response", wavetracing.impulse_response, {"paths": [], "emitter": None, "receiver": None})
+    yield Call("AntennaTable", wavetracing.AntennaTable,
+               {"theta": [0.0, np.pi], "phi": [0.0], "values": np.ones((2, 1, 2), complex)})  # fmt: skip
     for method in ("boundary", "spectrum", "utd", "fraunhofer"):
         yield Call(
             f"field_on_plane by {method}", wavetracing.field_on_plane,

@@ -35,6 +35,7 @@ from .meshes import perforated_screen as perforated_screen
 from .pattern import Pattern as Pattern
 from .pattern import sample_pattern as sample_pattern
 from .pattern import sample_slits as sample_slits
+from .pictures import picture as picture
 from .plane import Plane as Plane
 from .plane import PlaneField as PlaneField
 from .plane_field import field_on_plane as field_on_plane

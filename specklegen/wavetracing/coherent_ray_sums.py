@@ -82,17 +82,23 @@ class PathSearch:
                 f"matter, from which {self.name} has no rays; use field_on_plane for openings, or trace for power",
             )  # fmt: skip
 
-    def found(self, points: np.ndarray, threads: Threads, middles=None, half=None) -> tuple[np.ndarray, np.ndarray]:
-        """Return fields complex128[P, 2] at points, soft and hard, and mean powers float64[P, 2] over their cells."""
+    def found(
+        self, points: np.ndarray, threads: Threads, middles=None, half=None, normals=None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return fields complex128[P, 2] at points, soft and hard, and mean powers float64[P, 2] over their cells.
+
+        Where ``normals`` float64[P, 3] are given, powers are those through surfaces.
+        """
         self.check(points)
         place, (start, seen) = np.array(self.source.position, float), self.seen(points)
         middles, half = (points, np.zeros((2, 3))) if middles is None or half is None else (middles, half)
         fields, powers = np.empty((len(points), 2), complex), np.empty((len(points), 2))
+        normals = np.zeros((len(points), 3)) if normals is None else normals
 
         def block(part: slice) -> int:
             return edge_paths.fields_at(
-                place, start, points[part], seen[part], np.concatenate([middles[part], half]), self.graph, self.tree,
-                self.rules, fields[part], powers[part],
+                place, start, points[part], seen[part], np.concatenate([middles[part], half]), normals[part],
+                self.graph, self.tree, self.rules, fields[part], powers[part],
             )  # fmt: skip
 
         self.warn_near(sum(map_blocks(block, slices(len(points), _BLOCK), threads)))

@@ -757,10 +757,11 @@ def _sinc(x):
 
 
 @returning
-def fields_at(source, source_seen, points, seen, cells, graph, tree, rules, fields, powers):
+def fields_at(source, source_seen, points, seen, cells, normals, graph, tree, rules, fields, powers):
     """Fill fields complex128[P, 2] and powers float64[P, 2], soft and hard; return how many points are near an edge.
 
-    cells : float64[P + 2, 3], middles of squares, then their two half sides as vectors
+    cells   : float64[P + 2, 3], middles of squares, then their two half sides as vectors
+    normals : float64[P, 3], of surfaces, whose powers are those of each path times |cos|; 0 for none
 
     Powers are means of |u|^2 over the squares. Within its square each path is a plane wave, of the direction and
     amplitude that it has at the point: of two paths the fringes are averaged in closed form.
@@ -778,9 +779,10 @@ def fields_at(source, source_seen, points, seen, cells, graph, tree, rules, fiel
         for i in range(count):
             d = values[i, ARRIVAL : ARRIVAL + 3]
             at_x, at_y, phase = _dot(d, u), _dot(d, v), k * _dot(d, (x, y, z))
+            facing = abs(_dot(d, normals[n])) if normals[n].any() else 1.0
             for p in range(2):
                 fields[n, p] += complex(values[i, 2 * p], values[i, 2 * p + 1])
-                powers[n, p] += values[i, 2 * p] ** 2 + values[i, 2 * p + 1] ** 2
+                powers[n, p] += facing * (values[i, 2 * p] ** 2 + values[i, 2 * p + 1] ** 2)
             for j in range(i if whole else 0):
                 c = values[j, ARRIVAL : ARRIVAL + 3]
                 share = 2.0 * _sinc(at_x - _dot(c, u)) * _sinc(at_y - _dot(c, v))
