@@ -10,12 +10,12 @@ from specklegen.datasets.objects.families import Families
 from specklegen.datasets.objects.family import AnyFamily, ObjectFamily
 from specklegen.datasets.objects.folder import Folder
 from specklegen.datasets.objects.glyphs import Glyphs
-from specklegen.datasets.objects.meshes import Meshes
+from specklegen.datasets.objects.meshes import LitMesh, Meshes
 from specklegen.datasets.objects.patterns import Bars, Points
 from specklegen.datasets.objects.photographs import Photographs, Silhouettes
 from specklegen.datasets.objects.scan import Scan
 
 __all__ = [
-    "AnyFamily", "Bars", "Blobs", "Digits", "Families", "Folder", "Glyphs", "Meshes", "ObjectFamily", "Photographs",
-     "Points", "Polygons", "Scan", "Silhouettes", "Strokes",
+    "AnyFamily", "Bars", "Blobs", "Digits", "Families", "Folder", "Glyphs", "LitMesh", "Meshes", "ObjectFamily",
+    "Photographs", "Points", "Polygons", "Scan", "Silhouettes", "Strokes",
 ]  # fmt: skip

@@ -9,7 +9,7 @@ from zscore import assert_z, refute_z
 
 from specklegen.core.errors import RuleError
 from specklegen.datasets import SpeckleStream, load_recipe
-from specklegen.datasets.objects import Folder, Meshes
+from specklegen.datasets.objects import Folder, LitMesh, Meshes
 from specklegen.datasets.objects.meshes import lambert_view, random_rotation
 from specklegen.wavetracing import Geometry, Mesh
 
@@ -33,6 +33,47 @@ def test_a_sphere_is_bright_in_the_middle():
     inner = r < 0.9
     assert np.abs(view[inner] - np.sqrt(1 - r[inner] ** 2)).max() < 0.02
     assert not view[r > 1.1].any()
+
+
+def test_a_sphere_beside_a_lamp():
+    """max(0, n.l), at any rotation; from the camera's side it is the view of `Meshes`."""
+    ball, turn = Geometry(sphere(5)), random_rotation(np.random.default_rng(0))
+    lamp = np.array([np.sin(1.0), 0.0, np.cos(1.0)])
+    view = lambert_view(ball, turn, (32, 32), 0.8, lamp)
+    x, y = np.meshgrid(np.arange(32) - 15.5, 15.5 - np.arange(32))
+    r = np.hypot(x, y) / (0.8 * 16)
+    inner = r < 0.9
+    at = np.stack([x, y, np.sqrt(np.maximum(12.8**2 - x**2 - y**2, 0))], axis=-1) / 12.8
+    assert np.abs(view - np.maximum(at @ lamp, 0))[inner].max() < 0.03  # a triangle is 2 degrees wide
+    front = lambert_view(ball, turn, (32, 32), 0.8, np.array([0, 0, 1.0]))
+    assert front == pytest.approx(lambert_view(ball, turn, (32, 32), 0.8), abs=1e-12)
+
+
+def test_shadows_of_a_lamp():
+    """A plate above another, in light from the left: its shadow lies to the right of it."""
+    square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
+    two = Geometry([Mesh(v, np.array([[0, 1, 2], [0, 2, 3]])) for v in (square, 0.2 * square + [0, 0, 0.4])])
+    lamp = np.array([-np.sqrt(0.5), 0, np.sqrt(0.5)])
+    view = lambert_view(two, np.eye(3), (100, 100), 1.0, lamp)
+    radius = float(np.linalg.norm([1, 1, 0.2]))  # about the middle of the box
+    column = lambda x: int(50 + x / radius * 50)  # noqa: E731
+    row = view[50]
+    assert row[column(-0.15)] == pytest.approx(np.sqrt(0.5))  # of the plate above
+    assert row[column(0.3)] == row[column(0.5)] == 0
+    assert row[column(0.7)] == row[column(-0.5)] == pytest.approx(np.sqrt(0.5))
+
+
+def test_one_mesh_in_many_lights(solids, tmp_path):
+    """Sides and lights are dealt to the splits; the file counts by its content."""
+    family = LitMesh(scene=str(solids / "2.obj"), shape=(16, 16))
+    shown = [family.image(0, split, n) for split in ("train", "test") for n in range(3)]
+    assert all(image.max() == 1 for image in shown)
+    assert len({image.tobytes() for image in shown}) == 6
+    (tmp_path / "moved.obj").write_bytes((solids / "2.obj").read_bytes())
+    assert LitMesh(scene=str(tmp_path / "moved.obj"), shape=(16, 16)).identity() == family.identity()
+    assert family.replace(lamp=0.5).identity() != family.identity()
+    assert_refused(lambda: LitMesh(scene=str(tmp_path / "none.ply")).identity(), "an existing file")
+    assert_refused(lambda: family.replace(lamp=3.2), "from 0 to below pi")
 
 
 def test_sides_are_where_they_are():
@@ -94,12 +135,14 @@ def test_a_mesh_that_changes_is_noticed(solids):
     assert_refused(lambda: family.image(0, "train", 0), "unchanged since")
 
 
-def test_a_recipe_streams_them(solids):
-    changes = {"objects": {"type": "Meshes", "path": str(solids), "shape": [16, 16]}, "camera": {"shape": [32, 32]},
+@pytest.mark.parametrize("table", [{"type": "Meshes", "path": "."}, {"type": "LitMesh", "scene": "0.ply"}])
+def test_a_recipe_streams_them(solids, table, monkeypatch):
+    monkeypatch.chdir(solids)
+    changes = {"objects": table | {"shape": [16, 16]}, "camera": {"shape": [32, 32]},
                "material": {"kernel_paths": 500}, "media": 2,
                "samples": {"train": 4, "validation": 2, "test": 2}}  # fmt: skip
     recipe = load_recipe("through-slab", changes)
     batch = next(iter(SpeckleStream(recipe, batch_size=4)))
     assert batch["object"].shape == (4, 16, 16)
     assert batch["image"].shape == (4, 32, 32)
-    assert "path" not in recipe.physics()["objects"]
+    assert not {"path", "scene"} & set(recipe.physics()["objects"])
