@@ -5,7 +5,8 @@ Light that passes an opening of the square window of side W is a Fourier series 
     u(x) = sum_m a_m e^{i xi_m . x},   xi_m = 2 pi m / W,   a_m = Psi(xi_m) / W^2 e^{iz sqrt(k^2 - xi_m^2)},
 
 exactly, with the aperture operator Psi (`specklegen.wavetracing.aperture_transform`) and z the distance from mask to
-slab. The beams of the recipe's lattice are kept; what share of the light they carry is among the parameters.
+slab. The light on the mask is even, or a Gaussian laser's at its waist. The beams of the recipe's lattice are kept;
+what share of the light they carry is among the parameters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +18,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.lazy import torch
 from specklegen.core.units import LENGTH, RADIAN
-from specklegen.core.values import NonNegative, PositiveInt, Value
+from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
 from specklegen.datasets.distributions import Choice, Draw, drawn, ends, require_above
 from specklegen.datasets.recipes.media import DrawnMedia, MediumView
 from specklegen.datasets.recipes.partially_coherent import lattice_media
@@ -160,6 +161,9 @@ class MaskedLight(Recipe):
         `Slits`, or a `Star`.
     distance
         From the mask to the slab, in its medium.
+    waist
+        Radius of a Gaussian laser whose waist lies on the middle of the mask, where its intensity is e^-2 of that on
+        the axis; by default the light is even.
     beams
         Along each axis, odd: waves of up to (beams - 1) / 2 periods across the window are kept.
     pixels
@@ -171,6 +175,7 @@ class MaskedLight(Recipe):
         Annotated[Slits, Tag("slits")] | Annotated[Star, Tag("star")], Discriminator(_kind_of_mask)
     ]  # fmt: skip
     distance: Annotated[NonNegative, LENGTH] = 0.0
+    waist: Annotated[Positive, LENGTH] | None = None
     beams: Annotated[int, Field(ge=1, le=101)] = 15
     pixels: PositiveInt = 64
     mode_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
@@ -229,17 +234,31 @@ class MaskedLight(Recipe):
         )  # fmt: skip
 
     def amplitudes(self, loops: list[np.ndarray]) -> np.ndarray:
-        """Amplitudes complex128[beams, beams] on the slab, rows y, of light of amplitude 1 through a mask.
+        """Amplitudes complex128[beams, beams] on the slab, rows y, of light through a mask, 1 on the axis.
 
         ``loops`` in sides of the window, as of :func:`slit_loops`.
         """
-        from specklegen.wavetracing import aperture_transform
+        return self._through(loops)[0]
 
-        order = np.arange(self.beams) - (self.beams - 1) // 2
+    def _through(self, loops: list[np.ndarray]) -> tuple[np.ndarray, float]:
+        """Amplitudes on the slab, and the power that passes the mask, over that of even light on the window."""
+        from specklegen.wavetracing import aperture_transform
+        from specklegen.wavetracing.angular_spectrum import quadrature
+        from specklegen.wavetracing.opening import rim_of
+
+        order, rim = np.arange(self.beams) - (self.beams - 1) // 2, rim_of("MaskedLight.mask", loops)
         xi = 2 * np.pi * np.stack(np.meshgrid(order, order), axis=-1)  # over the window's side
         along = np.sqrt(self._k**2 - np.square(xi).sum(axis=-1) / self.geometry.width**2)
+        if self.waist is None:
+            waves, passed = aperture_transform(rim, xi), rim.area
+        else:
+            size = self.waist / self.geometry.width
+            points, weights = quadrature(rim.triangles, min(1 / self.beams, size))
+            beam = np.exp(-np.square(points / size).sum(axis=1))
+            x, y = np.exp(-2j * np.pi * order[None, :, None] * points.T[:, None])
+            waves, passed = (y * (weights * beam)) @ x.T, float(weights @ beam**2)
         # The phase of the beam along the axis is that of all, and is left out.
-        return aperture_transform(loops, xi) * np.exp(1j * self.distance * (along - self._k))
+        return waves * np.exp(1j * self.distance * (along - self._k)), passed
 
     def host_work(self) -> list[str]:
         """Parts made on the host, masks among it."""
@@ -250,11 +269,12 @@ class MaskedLight(Recipe):
         streams = (generator(substream(drawn.seed, drawn.split, Purpose.OBJECT, n)) for n in numbers)
         masks = [self.mask.drawn(rng) for rng in streams]
         loops = [self.mask.loops(numbers) for numbers in masks]
-        waves = np.stack([self.amplitudes(each) for each in loops])
+        waves, passed = map(np.stack, zip(*(self._through(each) for each in loops), strict=True))
         put = lambda rows: torch.from_numpy(np.asarray(rows)).to(drawn.device)  # noqa: E731
         area = np.array([self.mask.area(each) for each in masks])
         parameters = {name: put([each[name] for each in masks]) for name in masks[0]}
-        carried = np.array([float(np.square(np.abs(own)).sum()) for own in waves]) / area
+        passed = area if self.waist is None else passed
+        carried = np.array([float(np.square(np.abs(own)).sum()) for own in waves]) / passed
         parameters |= {"open_share": put(area), "carried_share": put(carried)}
         pictures = np.stack([_picture(each, self.pixels) for each in loops])
         return Lit(put(waves), self.step, parameters, {"mask": put(pictures)})

@@ -58,6 +58,29 @@ def test_distance_is_a_phase_of_each_wave():
     assert np.abs(far) == pytest.approx(np.abs(near))
 
 
+def test_a_gaussian_laser_on_the_mask():
+    """The series makes the beam's amplitude again where the mask is open; its power is that which passes."""
+    waist = 10_000.0  # a fifth of the window
+    made = recipe(beams=61, waist=waist, **DOUBLE)
+    sample = made.sample(0, "train", 0)
+    loops = slit_loops({f"slit_{name}": value for name, value in DOUBLE["mask"].items()})
+    field, x = light_on_window(made.amplitudes(loops), 64)
+    turn = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+    coordinates = np.stack(np.meshgrid(x, x), axis=-1) @ turn
+    inside = (np.abs(np.abs(coordinates[..., 0]) - 0.15) < 0.02) & (np.abs(coordinates[..., 1]) < 0.2)
+    beam = np.exp(-np.square(coordinates).sum(axis=-1) * (5e4 / waist) ** 2)
+    assert np.abs(field - beam)[inside].max() < 0.2 * beam[inside].max()
+    assert np.abs(field - 1)[inside].max() > 0.4  # even light is caught
+    fine = (np.arange(2000) + 0.5) / 2000 - 0.5
+    across, along = 0.15 + 0.1 * fine, 0.5 * fine
+    power = 0.2 * np.exp(-2 * (across**2) * 25).mean() * 0.5 * np.exp(-2 * (along**2) * 25).mean()
+    carried = np.square(np.abs(made.amplitudes(loops))).sum() / power
+    assert sample["parameters"]["carried_share"] == pytest.approx(carried, rel=5e-3)
+    wide = recipe(beams=15, waist=1e9, **DOUBLE).amplitudes(loops)
+    assert wide == pytest.approx(recipe(beams=15, **DOUBLE).amplitudes(loops), abs=1e-6)
+    assert_refused(lambda: recipe(waist=0.0, **DOUBLE), "MaskedLight.waist")
+
+
 def test_path_sums_are_the_transmission_matrix():
     """A narrow window, which the planner gives to path sums: |T a|^2 of the same beams, paths and seed."""
     made = recipe(**DOUBLE, beams=3, window={"width": 4000.0}, camera={"shape": [12, 12]})
