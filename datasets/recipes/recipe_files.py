@@ -201,8 +201,8 @@ def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any
     """Merge tables: tables go into tables, everything else is replaced.
 
     A table with another ``type`` replaces the old one whole, since their fields have nothing in common; so do a
-    distribution (``{uniform = ...}``), and a material of another kind (``screens``, ``preset``
-    or ``layers`` where it had none).
+    distribution (``{uniform = ...}``), and a material of another kind (``screens``, ``preset``,
+    ``layers`` or ``layer`` where it had none).
     """
     result = dict(base)
     for key, value in changes.items():
@@ -217,7 +217,7 @@ def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any
 def _alike(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
     """Return whether two tables are of one kind, so that one changes fields of the other."""
     same_type = new.get("type", old.get("type")) == old.get("type")
-    return same_type and not _is_draw(old) and {"screens", "preset", "layers"} & new.keys() <= old.keys()
+    return same_type and not _is_draw(old) and {"screens", "preset", "layers", "layer"} & new.keys() <= old.keys()
 
 
 def _is_draw(table: Mapping[str, Any]) -> bool:

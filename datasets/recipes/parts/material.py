@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import lru_cache
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from specklegen.core.arguments import positive_number
 from specklegen.core.errors import reject
 from specklegen.core.random_streams import pilot_seed
 from specklegen.core.units import LENGTH, WAVELENGTH
@@ -22,6 +23,8 @@ from specklegen.datasets.recipes.parts.particles import (
     scatterer_with,
 )
 from specklegen.datasets.split import SPLITS, Split
+from specklegen.fdtd.layers import RandomLayer
+from specklegen.fdtd.mean_field import equivalent_slab
 from specklegen.mean.field import straight_through
 from specklegen.memory_effects.atlas import correlation_for
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
@@ -92,6 +95,11 @@ class Material(Value):
     faces
         The step of the refractive index at the slab's faces, as in ``faces = {inside = 1.33, outside = 1.0}``; by
         default there is none, and in a recipe with a ``[lab]`` table that of the laboratory.
+    layer
+        A layer of random index (:class:`specklegen.fdtd.RandomLayer`), in the unit of the wavelength: thickness and
+        optical depth are then those of the slab with its coherent transmission
+        (:func:`specklegen.fdtd.equivalent_slab`), and are left out. It varies along one axis, so it has no phase
+        function: give ``g`` or ``scatterer``.
     kernel_paths
         Paths from which the memory-effect correlation of each material is estimated; the relative error of C_I at
         half range is about sqrt(60 / kernel_paths).
@@ -114,10 +122,28 @@ class Material(Value):
     scatterer: Particles | None = None
     albedo: Draw = 1.0
     faces: Faces = Faces()
+    layer: RandomLayer | None = None
     kernel_paths: Annotated[int, Field(ge=64, le=10**9)] = 100_000
     kernel: KernelSource = "estimate"
     kernel_tolerance: Positive = 0.02
     by_split: SplitRanges | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_layer(cls, table: Any) -> Any:
+        """Take thickness and optical depth from the layer, where there is one."""
+        if not isinstance(table, Mapping) or table.get("layer") is None:
+            return table
+        layer = RandomLayer.model_validate(table["layer"])
+        wavelength = positive_number("Material.wavelength, where layer is given,", table.get("wavelength"))
+        bulk = equivalent_slab(layer, layer.n_background * wavelength)
+        if not bulk.valid:
+            reject("Material.layer", "one that a slab describes", bulk.reason, "See docs/fdtd.md.")
+        stated = {"thickness": bulk.thickness, "optical_depth": bulk.optical_depth}
+        for name, value in stated.items():
+            if name in table and table[name] != value:
+                reject(f"Material.{name}", "left out, since it follows from layer", table[name])
+        return {**table, "layer": layer, **stated}
 
     @model_validator(mode="after")
     def _check(self) -> Self:
