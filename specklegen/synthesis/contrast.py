@@ -24,7 +24,7 @@ import numpy as np
 import torch
 
 from specklegen.kernels.bright_pairs import fill_extent, fill_pairs
-from specklegen.scene.window import Window
+from specklegen.kernels.windows import fill_lag_transforms, fill_window_powers
 from specklegen.synthesis.correlations import Correlations, LightBatch
 from specklegen.synthesis.exit_grid import disc_power
 from specklegen.synthesis.fused import fused
@@ -38,11 +38,8 @@ _MOST_PRODUCTS = 2**19  # of pixels, beyond which transforms are faster
 def _power_on_the_cpu(
     width: torch.Tensor, count: torch.Tensor, size: torch.Tensor, most: int, gaussian: bool
 ) -> torch.Tensor:
-    out = np.zeros((len(width), most))
-    for row, side, n, distance in zip(out, width.tolist(), count.tolist(), size.tolist(), strict=True):
-        positions = (np.arange(n) - (n - 1) / 2) * distance
-        power = Window("gaussian" if gaussian else "square", side).cell_power(positions, distance)
-        row[:n] = power / power.sum()
+    out = np.empty((len(width), most))
+    fill_window_powers(*(part.contiguous().numpy() for part in (width, count, size)), gaussian, out)
     return torch.from_numpy(out)
 
 
@@ -154,13 +151,7 @@ def _lags_on_the_cpu(
     power: torch.Tensor, size: torch.Tensor, wavevector: torch.Tensor, pixel: torch.Tensor, count: int
 ) -> torch.Tensor:
     out = np.empty((len(power), count))
-    rows = zip(power.numpy(), size.tolist(), wavevector.tolist(), pixel.tolist(), out, strict=True)
-    for padded, distance, step, side, sums in rows:
-        own = padded[: np.flatnonzero(padded)[-1] + 1]  # companions' cells would add zeros in another order
-        lag = distance * np.arange(len(own))
-        pairs = np.correlate(own, own, "full")[len(own) - 1 :] * np.square(np.sinc(side * lag))
-        pairs[1:] *= 2  # lags of either sign
-        sums[:] = np.cos(step * np.arange(count)[:, None] * lag) @ pairs if count > 1 else pairs.sum()
+    fill_lag_transforms(*(part.contiguous().numpy() for part in (power, size, wavevector, pixel)), out)
     return torch.from_numpy(out)
 
 

@@ -638,17 +638,19 @@ def _imaging(
     real, device, (rows, columns) = envelope.dtype, envelope.device, envelope.shape[1:]
     lags, precise = _lags(rows, columns), real == torch.float64
     _require_room(rows, columns, lags, rank * (1 if light is None else light.shares.shape[1]), precise)
-    values, mixing = modes.values(rank), None
+    maps, mixing = None, None
     flat = torch.zeros(len(envelope), dtype=torch.float64, device=device) if light is None else light.flat.to(device)
     if light is not None and light.shares.shape[1] > 1:
         roots = torch.stack([modes.mixing(rank, each) for each in light.modes], 1)
         mixing = light.shares.to(device).sqrt()[:, :, None, None] * roots
         # The span of K's modes holds those of each mode of the light only nearly: put back what it leaves out.
+        values = modes.values(rank)
         power = (values[:, None] @ mixing).square().sum((1, 3))
         values = values * ((1 - flat)[:, None] / power).sqrt()[..., None]
+        maps = values.unflatten(1, (sight.base.shape[1], -1)).mT.contiguous().to(real)
         mixing = mixing.to(torch.complex128 if precise else torch.complex64)
     return Imaging(
-        modes=values.unflatten(1, (sight.base.shape[1], -1)).mT.contiguous().to(real),
+        modes=modes.maps(rank, real) if maps is None else maps,
         mixing=mixing,
         flat=flat,
         lags=lags,

@@ -1,18 +1,19 @@
 """Bessel's J0 in torch, and the memory-effect correlation as the mixture of it that it is."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import torch
 
 from specklegen.kernels.bessel import COSINE, NEAR, SINE, SMALL, bessel_mixture
+from specklegen.kernels.slab_lookup import fill_half_ranges
 from specklegen.memory_effects.correlation import ROOT_NODES, ROOT_STEP, SCAN_STEP
 from specklegen.synthesis.fused import fused
 
 _NODES: list[float] = ROOT_NODES.tolist()
 SCANNED = 32
 """Steps of the scan for the half range: a factor of 1000 above its least value."""
+_SCAN = SCAN_STEP ** np.arange(SCANNED, dtype=np.float64)
 
 
 def _horner(coefficients: tuple[float, ...], t: torch.Tensor) -> torch.Tensor:
@@ -51,29 +52,19 @@ mixture = fused(
 )(plain_mixture)
 
 
-def _half_range(
-    radius: torch.Tensor, share: torch.Tensor, single: torch.Tensor, mix: Callable[..., torch.Tensor]
+def _half_ranges_on_the_cpu(
+    radius: torch.Tensor, share: torch.Tensor, single: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    floor = single.square()
-    level = torch.sqrt(floor + 0.5 * (1 - floor))
-    start = 1.999 * torch.sqrt((1 - level) / (share * radius.square()).sum(-1))
-    steps = SCAN_STEP ** torch.arange(SCANNED, dtype=torch.float64, device=radius.device)
-    scan = start[:, None] * steps
-    below = mix(scan, radius, share) < level[:, None]
-    first = below.to(torch.int8).argmax(-1, keepdim=True)
-    high = scan.gather(-1, first)
-    nodes = high * _row(_NODES, radius.device)
-    half = _inverse(nodes, mix(nodes, radius, share), level)
-    beside = half[:, None] * _row([1 - ROOT_STEP, 1.0, 1 + ROOT_STEP], radius.device)
-    lower, at, upper = mix(beside, radius, share).unbind(-1)
-    half = half * (1 + 2 * ROOT_STEP * (at - level) / (lower - upper))
-    return half, below.any(-1) & (floor <= 1 - 1e-9)
+    half, found = np.empty(len(single)), np.empty(len(single), np.bool_)
+    mixtures = (part.contiguous().numpy() for part in (radius, share, single))
+    fill_half_ranges(*mixtures, ROOT_NODES, _SCAN, ROOT_STEP, half, found)
+    return torch.from_numpy(half), torch.from_numpy(found)
 
 
 @fused(
     "half_range(Tensor radius, Tensor share, Tensor single) -> (Tensor, Tensor)",
     lambda radius, share, single: (torch.empty_like(single), torch.empty_like(single, dtype=torch.bool)),
-    lambda radius, share, single: _half_range(radius, share, single, mixture),
+    _half_ranges_on_the_cpu,
     kernels=8,
 )
 def half_range(radius: torch.Tensor, share: torch.Tensor, single: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -81,7 +72,21 @@ def half_range(radius: torch.Tensor, share: torch.Tensor, single: torch.Tensor) 
 
     Not found are those of singly scattered light and those a factor of 1000 above the bound from <r^2>.
     """
-    return _half_range(radius, share, single, plain_mixture)
+    floor = single.square()
+    level = torch.sqrt(floor + 0.5 * (1 - floor))
+    start = 1.999 * torch.sqrt((1 - level) / (share * radius.square()).sum(-1))
+    steps = SCAN_STEP ** torch.arange(SCANNED, dtype=torch.float64, device=radius.device)
+    scan = start[:, None] * steps
+    below = plain_mixture(scan, radius, share) < level[:, None]
+    first = below.to(torch.int8).argmax(-1, keepdim=True)
+    high = scan.gather(-1, first)
+    nodes = high * _row(_NODES, radius.device)
+    half = _inverse(nodes, plain_mixture(nodes, radius, share), level)
+    beside = half[:, None] * _row([1 - ROOT_STEP, 1.0, 1 + ROOT_STEP], radius.device)
+    lower, at, upper = plain_mixture(beside, radius, share).unbind(-1)
+    half = half * (1 + 2 * ROOT_STEP * (at - level) / (lower - upper))
+    return half, below.any(-1) & (floor <= 1 - 1e-9)
+
 
 
 def _row(values: list[float], device: torch.device) -> torch.Tensor:

@@ -25,6 +25,7 @@ import numpy as np
 
 from specklegen.core.lazy import torch
 from specklegen.core.memory import require_memory
+from specklegen.kernels.modes import fill_factors, fill_mode_values, fill_round_coefficients, fill_tilt_coefficients
 
 if TYPE_CHECKING:
     from specklegen.synthesis.correlations import Correlations, Places
@@ -112,6 +113,17 @@ class Modes:
         """Modes phi float64[M, T h w, rank], the squares of each beam of sum 1; beams by (tilt, row, column)."""
         modes = basis(self.lattice.full, self.degree, self.columns.device) @ self.columns[:, :, :rank]
         return modes / torch.linalg.vector_norm(modes, dim=2, keepdim=True)
+
+    def maps(self, rank: int, real: torch.dtype) -> torch.Tensor:
+        """:meth:`values` by tilts and modes, real[M, T, rank, h w]."""
+        tilts, device = self.lattice.tilts, self.columns.device
+        if not one_by_one(device):
+            return self.values(rank).unflatten(1, (tilts, -1)).mT.contiguous().to(real)
+        maps = torch.empty((len(self.columns), tilts, rank, math.prod(self.lattice.shape)), dtype=real)
+        points = _basis_by_polynomial(self.lattice.full, self.degree)
+        for columns, own in zip(self.columns.numpy(), maps.numpy(), strict=True):
+            fill_mode_values(points, columns, own)
+        return maps
 
     def mixing(self, rank: int, correlations: Correlations) -> torch.Tensor:
         """Roots float64[M, rank, rank] that turn these modes into those of other K: phi A A^T phi^T is their matrix.
@@ -310,6 +322,12 @@ def basis(shape: tuple[int, ...], degree: int, device: torch.device | str = "cpu
     return torch.from_numpy(values).to(device)
 
 
+@lru_cache(maxsize=16)
+def _basis_by_polynomial(shape: tuple[int, ...], degree: int) -> np.ndarray:
+    """:func:`basis`, float64[N, points]."""
+    return np.ascontiguousarray(basis(shape, degree).numpy().T)
+
+
 def polynomial_count(shape: tuple[int, ...], degree: int) -> int:
     """Products of polynomials of total degree at most ``degree``: the columns of :func:`graded`."""
     by_degree = np.ones(1)
@@ -381,18 +399,14 @@ def karhunen_loeve(
     degree = first_degree(lattice.full)
     require_room(lattice.full, degree)
     known = memory(correlations, lattice) if known is None else known
-    if one_by_one(known.device):  # products and sums alone, for what follows has the same bits in batches
-        places = [slice(n, n + 1) for n in range(len(known))]
-        triangles = [factor(coefficients(known[n], lattice.at(n), degree), lattice.size) for n in places]
-        enough = [yes for triangle in triangles for yes in _enough(triangle, lattice, degree, tolerance)]
-        triangle, power = torch.cat(triangles), torch.cat([each.square().sum(-2) for each in triangles])
+    if one_by_one(known.device) and not known.requires_grad:
+        made, reach = _factored(known, lattice, degree, tolerance)
     else:
-        triangle = factor(coefficients(known, lattice, degree), lattice.size)
-        enough, power = _enough(triangle, lattice, degree, tolerance), triangle.square().sum(-2)
+        made, reach = _expanded(coefficients(known, lattice, degree), lattice, degree, tolerance)
+    enough = _enough(reach, lattice, degree, tolerance)
     groups = []
     if at := [n for n, yes in enumerate(enough) if yes]:
-        some = slice(None) if all(enough) else at
-        groups.append((at, _chosen(triangle[some], power[some], lattice.at(some), degree, tolerance)))
+        groups.append((at, made if all(enough) else made.at(at)))
     for n, yes in enumerate(enough):
         if not yes:
             one = slice(n, n + 1)
@@ -400,20 +414,42 @@ def karhunen_loeve(
     return groups
 
 
-def _enough(triangle: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> list[bool]:
-    """Return whether the polynomials of a degree will do for each medium; on "meta" they do."""
-    if degree >= sum(lattice.full) - len(lattice.full) or triangle.device.type == "meta":
-        return [True] * len(triangle)
-    return (1 - reached(triangle, lattice.size) <= POLYNOMIAL_SHARE * tolerance).tolist()
+def _enough(reach: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> list[bool]:
+    """Return whether polynomials of a degree that reach these shares will do for each medium; on "meta" they do."""
+    if degree >= sum(lattice.full) - len(lattice.full) or reach.device.type == "meta":
+        return [True] * len(reach)
+    return (1 - reach <= POLYNOMIAL_SHARE * tolerance).tolist()
 
 
-def _chosen(triangle: torch.Tensor, power: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> Modes:
-    chosen = kept(power, lattice.size, tolerance)
+def _factored(known: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> tuple[Modes, torch.Tensor]:
+    """Modes of a degree, and the share of the intensity that its polynomials reach: :func:`_expanded` on the CPU."""
+    (h, w), values = lattice.shape, known.numpy()
+    count = polynomial_count(lattice.full, degree)
+    matrices = np.empty((len(known), count, count))
+    if known.ndim == 3:
+        m, n = (min(side, degree + 1) for side in (h, w))
+        rows, columns = folded(h, degree).view(m, m, h).numpy(), folded(w, degree).view(n, n, w).numpy()
+        fill_round_coefficients(values, rows, columns, graded((h, w), degree), matrices)
+    elif (h, w) == (1, 1):
+        fill_tilt_coefficients(values[..., 0, 0], polynomials(lattice.tilts, degree), matrices)
+    else:  # one by one: products of several have other last bits
+        for n, own in enumerate(matrices):
+            own[:] = coefficients(known[n : n + 1], lattice.at(slice(n, n + 1)), degree)[0].numpy()
+    triangles, rank, reach = np.empty_like(matrices), np.empty(len(known), np.int64), np.empty(len(known))
+    size = lattice.size
+    fill_factors(matrices, size, _JITTER * size, tolerance, _TOGETHER, triangles, rank, reach)
+    return Modes(lattice, degree, torch.from_numpy(triangles), torch.from_numpy(rank)), torch.from_numpy(reach)
+
+
+def _expanded(matrix: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> tuple[Modes, torch.Tensor]:
+    """Modes of coefficients A, and the share of the intensity that the polynomials of a degree reach, float64[M]."""
+    triangle = factor(matrix, lattice.size)
+    chosen = kept(triangle.square().sum(-2), lattice.size, tolerance)
     first = torch.sort((~chosen).to(torch.int8), dim=-1, stable=True)[1]
     rank = chosen.sum(-1)
     ordered = triangle.gather(2, first[:, None].expand_as(triangle))
     ordered = ordered * (torch.arange(ordered.shape[-1], device=rank.device) < rank[:, None])[:, None]
-    return Modes(lattice, degree, ordered, rank)
+    return Modes(lattice, degree, ordered, rank), reached(triangle, lattice.size)
 
 
 def _raised(correlations: Correlations, known: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> Modes:
@@ -421,9 +457,9 @@ def _raised(correlations: Correlations, known: torch.Tensor, lattice: Lattice, d
     squares = sum_of_squares(correlations, lattice)
     while True:
         matrix = coefficients(known, lattice, degree)
-        triangle = factor(matrix, lattice.size)
-        if _enough(triangle, lattice, degree, tolerance)[0]:
-            return _chosen(triangle, triangle.square().sum(-2), lattice, degree, tolerance)
+        made, reach = _expanded(matrix, lattice, degree, tolerance)
+        if _enough(reach, lattice, degree, tolerance)[0]:
+            return made
         least = fewest(matrix[0], squares, (1 - POLYNOMIAL_SHARE * tolerance) * lattice.size)
         degree = degree * 3 // 2
         while degree < sum(lattice.full) - len(lattice.full) and polynomial_count(lattice.full, degree) < least:

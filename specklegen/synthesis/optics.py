@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from specklegen.kernels import rng
 from specklegen.kernels.camera_folds import fill_folded, fill_unfolded
 from specklegen.kernels.mode_pairs import fill_halves, fill_lag_sums, fill_mode_maps, fill_pair_products, turn
 from specklegen.kernels.waves import fill_waves
+from specklegen.kernels.windows import fill_fields
 from specklegen.synthesis.fused import FORMS, fused
 from specklegen.synthesis.gaussian_noise import philox
 
@@ -51,18 +51,10 @@ def _fields_on_the_cpu(
     envelope: torch.Tensor, rank: int, grid: list[int],
 ) -> torch.Tensor:  # fmt: skip
     fields = envelope.new_zeros((*key.shape[:2], rank, *grid, 2))
+    keys, windows, drawn = key.contiguous().numpy(), envelope.numpy(), fields.numpy()
     size = zip(rows.tolist(), columns.tolist(), still.tolist(), strict=True)
-    for place, (film, (ny, nx, share)) in enumerate(zip(key.tolist(), size, strict=True)):
-        amplitude = envelope[place % len(envelope), :ny, :nx, None].numpy() * 0.5**0.5
-        drawn, before = np.empty((rank * ny * nx, 2), amplitude.dtype), None
-        for frame, (k0, k1) in enumerate(film):
-            rng.fill_normals(k0, k1, sample, drawn)
-            now = fields[place, frame, :, :ny, :nx].numpy()
-            np.multiply(drawn.reshape(rank, ny, nx, 2), amplitude, out=now)
-            if before is not None:
-                now *= (1 - share**2) ** 0.5
-                now += share * before
-            before = now
+    for place, (ny, nx, share) in enumerate(size):
+        fill_fields(keys[place], sample, share, windows[place % len(windows), :ny, :nx], drawn[place])
     return fields
 
 

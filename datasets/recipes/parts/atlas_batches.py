@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numpy as np
 import torch
 
+from specklegen.kernels.slab_lookup import fill_slab_mixtures
 from specklegen.memory_effects.atlas import load
 from specklegen.synthesis.fused import fused
 
@@ -111,10 +113,22 @@ def _shapes(
     return slabs.new_empty(wide), slabs.new_empty(wide), single, single.new_empty(len(slabs), dtype=torch.bool)
 
 
+def _on_the_cpu(
+    slabs: torch.Tensor, axes: list[torch.Tensor], shares: torch.Tensor, table: torch.Tensor, bounds: torch.Tensor,
+    tolerance: float,
+) -> tuple[torch.Tensor, ...]:  # fmt: skip
+    wide, served = (len(slabs), len(shares) + 1), np.empty(len(slabs), np.bool_)
+    radius, share, single = np.empty(wide), np.empty(wide), np.empty(len(slabs))
+    known = (part.contiguous().numpy() for part in (slabs, *axes, shares, table, bounds))
+    fill_slab_mixtures(*known, tolerance, radius, share, single, served)
+    return tuple(torch.from_numpy(part) for part in (radius, share, single, served))
+
+
 @fused(
     "slab_correlations(Tensor slabs, Tensor[] axes, Tensor shares, Tensor table, Tensor bounds, float tolerance)"
     " -> (Tensor, Tensor, Tensor, Tensor)",
     _shapes,
+    _on_the_cpu,
     kernels=4,
 )
 def slab_correlations(
