@@ -32,6 +32,7 @@ from specklegen.datasets.recipes.parts import exposure
 from specklegen.datasets.recipes.parts.light import Lit
 from specklegen.datasets.recipes.parts.sampler import number_of
 from specklegen.datasets.split import Split, split_number
+from specklegen.synthesis.correlations import Places
 from specklegen.synthesis.graphs import Graphs, each_time
 from specklegen.synthesis.imaging import ImagedMedia, Imaging
 from specklegen.synthesis.modes import one_by_one
@@ -268,10 +269,14 @@ class SpeckleGenerator:
         images = torch.zeros((len(media), *shape), device=self.device)
         for places, batch, imaging in _grouped(ready):
             for some in _chunks(places, self._chunk(imaging, batch.streams)):
-                at = slice(some[0], some[0] + 1) if len(some) == 1 else self.drawn.put(some)
+                at = self._at(some)
                 images[at] = self._rendered([media[p] for p in some], imaging, batch, [ready[p][1] for p in some],
                                             lit.at(at))  # fmt: skip
         return images
+
+    def _at(self, places: list[int]) -> Places:
+        """Return places as what picks them fastest: one is a view."""
+        return slice(places[0], places[0] + 1) if len(places) == 1 else self.drawn.put(places)
 
     def _rendered(
         self, media: list[int], imaging: Any, made: ReadyMedia, places: list[int], lit: Lit
@@ -282,7 +287,7 @@ class SpeckleGenerator:
         # Media that follow each other are a view of their batch, others are copied.
         some = imaging.at(slice(first, last) if within == [*range(first, last)] else self.drawn.put(within))
         if not isinstance(some, Imaging) or lit.step is not None:
-            drawn = some.media(made.streams.at(places))
+            drawn = some.media(made.streams.at(self._at(places)))
             seen = drawn.images(lit.light) if lit.step is None else drawn.superposed(lit.light, lit.step)
             return self.recipe.exposed(seen).to(torch.float32)
         own = {} if self.one_by_one or self.recipe.media_alike else some.tensors()  # what stays is not copied
@@ -292,7 +297,7 @@ class SpeckleGenerator:
             inputs = {"spectra": torch.cat(held) if len(held) > 1 else held[0], "light": lit.light} | own
             seen = self.run(("kept", *some.statics), partial(_seen_through, some, self.one_by_one), inputs)
             return self.recipe.exposed(seen)
-        streams = made.streams.at(places)
+        streams = made.streams.at(self._at(places))
         if shared and self._keeps_fields(media[0], imaging, streams):
             fields = self._of_medium(self._fields, media[0], lambda: some.media(streams).drawn)
             return self.recipe.exposed(ImagedMedia(some, fields).images(lit.light))
@@ -317,8 +322,8 @@ class SpeckleGenerator:
 
     def _spectra_of(self, medium: int, imaging: Imaging, made: ReadyMedia, place: int) -> torch.Tensor:
         """Spectra of one medium, complex64[1, F, pairs, n, m], kept for all objects behind it."""
-        some = imaging.at(slice(made.at[place][1], made.at[place][1] + 1))
-        return self._of_medium(self._spectra, medium, lambda: some.media(made.streams.at([place])).shared().spectra)
+        some, own = imaging.at(self._at([made.at[place][1]])), made.streams.at(self._at([place]))
+        return self._of_medium(self._spectra, medium, lambda: some.media(own).shared().spectra)
 
     def _of_medium(
         self, held: dict[int, Any], medium: int, make: Callable[[], torch.Tensor | None]
@@ -354,8 +359,8 @@ class SpeckleGenerator:
         for places, batch, imaging in _grouped(ready):
             # In chunks of one size on a device, where an operator is compiled anew for every number of samples.
             for some in [places] if self.one_by_one else _chunks(places, CHUNK):
-                within = self.drawn.put([batch.at[ready[place][1]][1] for place in some])
-                at = self.drawn.put(some)
+                within = self._at([batch.at[ready[place][1]][1] for place in some])
+                at = self._at(some)
                 contrasts[at] = imaging.contrast(lit.light[at], within)
         return contrasts
 

@@ -44,6 +44,34 @@ def fill_powers(fields, out):
                     row[n] += values[n].real * values[n].real + values[n].imag * values[n].imag
 
 
+_BLOCK = 1024
+"""Numbers of a row that are worked on at once: they stay in the first-level cache."""
+
+
+@kernel
+def fill_tilt_powers(roots, views, out):
+    """Fill ``out`` real[T, n] with |sum_r roots[t, r] u_r|^2, added up over draws: of few modes in one pass.
+
+    roots : real[T, R]
+    views : real[draws, R, 2 n]
+        Fields u_r, real and imaginary parts in turn.
+    """
+    total = np.empty(_BLOCK, views.dtype)
+    out[:] = 0.0
+    for first in range(0, views.shape[2], _BLOCK):
+        some = min(_BLOCK, views.shape[2] - first)
+        for tilt in range(len(roots)):
+            row = out[tilt, first // 2 : (first + some) // 2]
+            for draw in range(len(views)):
+                total[:some] = 0.0
+                for r in range(roots.shape[1]):
+                    factor, own = roots[tilt, r], views[draw, r, first : first + some]
+                    for n in range(some):
+                        total[n] += factor * own[n]
+                for n in range(some // 2):
+                    row[n] += total[2 * n] * total[2 * n] + total[2 * n + 1] * total[2 * n + 1]
+
+
 @kernel
 def fill_nodes(modes, tolerance, nodes, factor):
     """Choose nodes by pivoted Cholesky of (sum_r phi_r phi_r)^2 + 1: how many; one more than fit where they do not.

@@ -23,7 +23,7 @@ def fill_slab_mixtures(slabs, x, y, z, shares, table, bounds, tolerance, radius,
         Nodes along ln(optical depth), ln(1 - g), absorption.
     shares : float64[n]
     table  : float32[D G A, n + 1]
-    bounds : float32[(D - 1) (G - 1) (A - 1)]
+    bounds : float32[cells]
         Error of C_I in each cell, of which ``tolerance`` is allowed.
     radius, share : float64[B, n + 1]
         Filled; the first is of single scattering.

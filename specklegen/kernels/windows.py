@@ -37,7 +37,7 @@ def fill_window_powers(width, count, size, gaussian, out):
 
 @kernel
 def fill_lag_transforms(power, size, wavevector, pixel, out):
-    """Fill ``out`` float64[M, d] with the sums over lags s of A(s) a(s)^2 cos(kappa s), for d differences 0, 1, ...
+    """Fill ``out`` float64[M, d] with the sums over lags s of A(s) a(s)^2 cos(kappa s), kappa of d differences.
 
     A is the autocorrelation of ``power`` float64[M, n] over cells, a the transform of a pixel's area.
 

@@ -35,7 +35,7 @@ from specklegen.core.errors import counted, reject
 from specklegen.core.memory import require_memory
 from specklegen.core.nanoseconds import seconds
 from specklegen.kernels.bright_pairs import fill_extent
-from specklegen.kernels.bright_points import add_power, fill_turned
+from specklegen.kernels.bright_points import add_power, fill_tilt_powers, fill_turned
 from specklegen.synthesis import optics
 from specklegen.synthesis.contrast import speckle_contrast, speckle_variance, window_powers
 from specklegen.synthesis.correlations import Correlations, FilmBatch, LightBatch, Places
@@ -287,9 +287,11 @@ class Imaging:
 
         In double precision there are none: what they leave out would be seen.
         """
-        count, tilts = int((light != 0).sum()), self.modes.shape[1]
+        if self.modes.dtype != torch.float32 or self.shape == (1, 1):
+            return None
+        count, tilts = int(np.count_nonzero(light.numpy())), self.modes.shape[1]
         views = frames * draws * self.rank * self.lags[0] * self.lags[1] * self.object_rows.element_size()
-        if self.modes.dtype != torch.float32 or self.shape == (1, 1) or not count or views > _MOST_BYTES:
+        if not count or views > _MOST_BYTES:
             return None
         least = min(image_operations(self.lags, self.rank, tilts, count, draws))
         most = most_nodes(self.lags, self.rank, tilts, count, draws, least)
@@ -372,13 +374,13 @@ class Imaging:
         bright = light.reshape(-1).to(self.modes.dtype)
         rows, columns = self.envelope.shape[1:]
         if self.shape == (1, 1):  # beams under every tilt, whose ramps are 1
-            flat = torch.view_as_real(drawn[0, :, :, :, :rows, :columns].contiguous()).flatten(3)
-            fields = self.modes[0, :, :, 0] @ flat  # [F, N, T, cells]
-            beams = torch.view_as_complex(fields.unflatten(3, (rows, columns, 2)))
-            views = torch.fft.ifft2(beams, s=self.lags, norm="forward")
-            power = torch.view_as_real(views).square_()
-            power = (power[..., 0] + power[..., 1]).sum(1).flatten(0, 1) * bright
-            return optics.seen(torch.view_as_real(torch.fft.rfft2(power, norm="forward")[None]), self.transforms)
+            views = torch.view_as_real(torch.fft.ifft2(drawn[0], s=self.lags, norm="forward")).flatten(3)
+            seen = self.modes.new_empty((1, len(views), len(self.modes[0]), *self.lags))
+            roots = (self.modes[0, :, :, 0] * bright.sqrt()).numpy()
+            for frame, power in zip(views.numpy(), seen[0].flatten(2).numpy(), strict=True):
+                fill_tilt_powers(roots, frame, power)
+            spectra = torch.fft.rfft2(seen.flatten(1, 2), norm="forward")
+            return optics.seen(torch.view_as_real(spectra), self.transforms)
         lit = torch.nonzero(bright).reshape(-1)
         down, across = self.object_rows[0, :rows].mT.numpy(), self.object_columns[0, :, :columns].numpy()
         at_once = min(_CHUNK, max(1, _MOST_VALUES // (self.lags[0] * self.lags[1])))
@@ -509,7 +511,7 @@ class ImagedMedia:
             frames, draws = self.drawn.shape[1:3]
             if (nodes := self.imaging.nodes(light, frames, draws)) is not None:
                 return self.imaging.images_by_points(self.drawn, light, nodes, box)
-            if self.imaging.points_cheaper(int((light != 0).sum()), frames, draws):
+            if self.imaging.points_cheaper(int(np.count_nonzero(light.numpy())), frames, draws):
                 return self.imaging.images_by_points(self.drawn, light)
         spectra = self.imaging.spectra(self.drawn) if self.spectra is None else self.spectra  # type: ignore[arg-type]
         return self.imaging.images(spectra, light, box)

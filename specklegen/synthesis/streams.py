@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     import torch
 
+    from specklegen.synthesis.correlations import Places
+
 
 class Streams(NamedTuple):
     """Keys of B media.
@@ -28,7 +30,7 @@ class Streams(NamedTuple):
     words: torch.Tensor
     shares: torch.Tensor | None = None
 
-    def at(self, places: list[int]) -> Streams:
+    def at(self, places: Places) -> Streams:
         """Return the streams of some of the media."""
         shares = None if self.shares is None else self.shares[places]
         return Streams(self.keys[places], self.still[places], self.words[places], shares)
