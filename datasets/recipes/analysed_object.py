@@ -185,7 +185,8 @@ class AnalysedObject(HiddenObject):
                    "Bandwidth and depolarised light are not modelled here.")
         if self.mosaic is not None:
             if light.analyser != "none":
-                reject("Light.analyser", '"none" before a mosaic of polarisers', light.analyser)
+                reject("Light.analyser", '"none" before a mosaic of polarisers', light.analyser,
+                       "The mosaic analyses the light: leave out light.analyser, or the mosaic.")  # fmt: skip
             if light.polarisation != "projector":
                 reject("Light.polarisation", '"projector" before a mosaic', light.polarisation,
                        "Fields of vector light at its angles have complex correlations, which are "

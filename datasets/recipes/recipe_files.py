@@ -124,10 +124,11 @@ def _parsed(source: str) -> dict[str, Any]:
     file = Path(source)
     if not _is_file(file):
         close = get_close_matches(file.name, recipe_names(), 1, 0.6)
-        remedy = f"Did you mean {close[0]}?" if close else "`specklegen recipes --all` lists the packaged ones."
+        listed = "`specklegen recipes --all` lists the packaged ones."
+        remedy = f"Did you mean {close[0]}? {listed}" if close else listed
         if file.suffix or file.parent != Path.cwd():
             reject("recipe", "an existing file, or the name of a packaged recipe", _relative(file), remedy)
-        reject("recipe", f"one of {', '.join(recipe_names())}, or the path of a TOML file", _relative(file), remedy)
+        reject("recipe", "the name of a packaged recipe, or the path of a TOML file", _relative(file), remedy)
     table = anchored(toml_table(read_text(file, "recipe"), f"recipe {source}"), file.parent)
     objects = table.get("objects")
     if isinstance(objects, dict):

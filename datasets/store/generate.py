@@ -195,7 +195,8 @@ def _part(shard_range: tuple[int, int]) -> tuple[int, int]:
     """The part to do, and of how many."""
     both = whole_numbers("generate.shard_range", shard_range)
     if len(both) != 2 or not both[0] < both[1]:
-        reject("generate.shard_range", "(i, n) with 0 <= i < n", shard_range)
+        reject("generate.shard_range", "(i, n) with 0 <= i < n", shard_range,
+               "Parts count from 0: the last of four is 3/4 on the command line.")  # fmt: skip
     return both[0], both[1]
 
 

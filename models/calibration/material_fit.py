@@ -200,10 +200,14 @@ class MaterialFit(Pictured):
 
         A fit whose chi squared is ``hopeless`` has none: intervals assume that the model is right.
 
-        They end where chi squared has risen by :attr:`rises`' quantile, or that of chi squared if it is larger. By the
-        latter alone, of 220 setups whose curves are of paths, those of 0.68 held thickness, mean free path and g in
-        0.63, 0.67 and 0.60, those of 0.95 in 0.93, 0.95 and 0.95; of 224 whose curves are of the tables, these held
-        them in 0.67, 0.67 and 0.72, and in 0.94, 0.97 and 0.97 (docs/notes/materialfit.md).
+        They end where chi squared has risen by :attr:`rises`' quantile, or that of chi squared if it is larger. Share
+        of setups in which intervals by the latter alone held the truth (docs/notes/materialfit.md):
+
+            curves of        setups   level   thickness   mean free path   g
+            paths            220      0.68    0.63        0.67             0.60
+            paths            220      0.95    0.93        0.95             0.95
+            lookup tables    224      0.68    0.67        0.67             0.72
+            lookup tables    224      0.95    0.94        0.97             0.97
 
         Parameters
         ----------

@@ -62,7 +62,8 @@ def range_of(c_i: MemoryEffect) -> float:
     values = np.asarray(c_i(_REACH))
     below = np.flatnonzero(values < 0.5)
     if not len(below) or below[0] == 0:
-        reject("fit_range memory", "a memory effect that falls to one half", (float(values[0]), float(values[-1])))
+        reject("fit_range memory", "a memory effect that falls to one half", (float(values[0]), float(values[-1])),
+               "Take it from a thicker medium, or leave the range alone: it is beyond every object.")  # fmt: skip
     near = slice(below[0] - 1, below[0] + 1)
     return float(np.exp(np.interp(-0.5, -values[near], np.log(_REACH[near]))))
 

@@ -256,9 +256,9 @@ class SpeckleLikelihood(nn.Module):
     def thinned(self, seed: Seed = 0) -> tuple[Self, Self]:
         """Two independent measurements of half as many looks each, whose mean is this one; a function of the seed.
 
-        A gamma variable of n looks, shared out by a beta variable of (n / 2, n / 2): this makes two independent ones of
-        n / 2 looks (Neufeld, Dharamshi, Gao and Witten, JMLR 25, 57 (2024)). So an object that was made from the one
-        may be tested on the other.
+        A gamma variable of n looks, shared out by a beta variable of ``(n / 2, n / 2)``: this makes two independent
+        ones of half as many looks (Neufeld, Dharamshi, Gao and Witten, JMLR 25, 57 (2024)). So an object that was made
+        from the one may be tested on the other.
         """
         words = [seed] if isinstance(seed, int) else list(seed)
         shape = (self.tile[0], self.tile[1] // 2 + 1)

@@ -59,7 +59,8 @@ def benchmark(
     names = [task(name).name for name in tasks] if tasks else None
     own = {text: _function(text) for text in functions or []}
     if not own and not baselines:
-        reject("benchmark FUNCTION", "at least one function with --no-baselines", functions)
+        reject("benchmark FUNCTION", "at least one function with --no-baselines", functions,
+               "Name one, such as mine.py:mine, or leave out --no-baselines.")  # fmt: skip
     writable(out)
     asked = names or [each.name for each in complete_run() + [x for x in TASKS if x.fetched and measured]]
     total = sum(task(name).count(samples) for name in asked)

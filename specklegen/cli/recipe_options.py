@@ -73,7 +73,8 @@ def load(recipe: str, changes: list[str] | None, images: Path | None = None, obj
         reject("--set objects", "a table where --images or --objects is given", fields)
     loaded = load_recipe(recipe, table)
     if not isinstance(loaded, HiddenObject):
-        reject("recipe", "a recipe with hidden objects, for --images or --objects", recipe)
+        reject("recipe", "a recipe with hidden objects, for --images or --objects", recipe,
+               "Choose one of kind hidden-object: `specklegen recipes --all --json` lists kinds.")  # fmt: skip
     family = {"type": objects} if images is None else {"type": "Folder", "path": str(images)}
     return loaded.replace(objects={"shape": loaded.objects.shape} | fields | family)
 

@@ -85,7 +85,7 @@ def train(
     begun = time.perf_counter()
     checked_device("--device", device)
     if seconds is not None and not seconds > 0:
-        reject("--seconds", "greater than 0", seconds)
+        reject("--seconds", "greater than 0", seconds, "Leave it out to train all --epochs.")
     if (stored := is_store(what)) and validation is None:
         reject("train --validation", "given if training data is a store", validation,
                "Generate one: `specklegen generate RECIPE --split validation`.")  # fmt: skip

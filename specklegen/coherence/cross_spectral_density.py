@@ -37,7 +37,7 @@ def gaussian_schell_model(
 ) -> np.ndarray:  # fmt: skip
     """Return the cross-spectral density of a Gaussian Schell-model line source.
 
-    W0[1, 2] = A1 A2* exp{-(x1 - x2)^2 / (2 coherence_length^2)}.
+    ``W0[1, 2] = A1 A2* exp{-(x1 - x2)^2 / (2 coherence_length^2)}``.
 
     Parameters
     ----------
@@ -201,11 +201,11 @@ def _check_energy(owner: str, energy: float) -> None:
 def number_of_modes(a_over_sigma: float, energy: float = 0.99) -> int:
     """Return how many modes hold the share ``energy`` of a uniform Gaussian Schell-model line source.
 
-    K = ceil(2 q a / (pi sigma_g)) + ceil(-log10(1 - energy) / 2): the number of degrees of freedom of a
+    ``K = ceil(2 q a / (pi sigma_g)) + ceil(-log10(1 - energy) / 2)``: the number of degrees of freedom of a
     source of width 2 a in the band that holds the share ``energy`` of its Gaussian spectrum, +-q
-    standard deviations, and a few for its edges. For 99 %: ceil(1.64 a / sigma_g) + 1. It is never too
-    small and at most three too many (tested for a / sigma_g <= 50, energies 0.5 to 1 - 1e-6);
-    `coherent_modes` counts exactly.
+    standard deviations, and a few for its edges. For 99 %: ``ceil(1.64 a / sigma_g) + 1``. It is never too
+    small and at most three too many (tested for a / sigma_g up to 50, and energies from 0.5 to
+    ``1 - 1e-6``). `coherent_modes` counts exactly.
 
     Parameters
     ----------
@@ -465,7 +465,7 @@ def spectral_density(W: np.ndarray) -> np.ndarray:
 
 
 def spectral_degree_of_coherence(W: np.ndarray, reference: int | None = None) -> np.ndarray:
-    """Return mu[1, 2] = W[1, 2] / sqrt(S1 S2), of modulus at most 1.
+    """Return ``mu[1, 2] = W[1, 2] / sqrt(S1 S2)``, of modulus at most 1.
 
     Parameters
     ----------

@@ -310,7 +310,7 @@ def finite_path_excess(
 ) -> float:  # fmt: skip
     """Return what a finite number of paths adds to contrast^2, or to the covariance over the squared mean.
 
-    {(E[w^2] - E[w]^2) + (E|sum_B w_B e^{-ik d x_B}|^2 - E[sum_B w_B^2])} / (N E[w]^2), w = sum_B w_B the full
+    ``{(E[w^2] - E[w]^2) + (E|sum_B w_B e^{-ik d x_B}|^2 - E[sum_B w_B^2])} / (N E[w]^2)``, w = sum_B w_B the full
     weight of one path. The first part, ``Plan.expected_error`` squared, is the fluctuation of a bank's
     intensity. The second is speckle between connections of different length on one path, which beams at one
     view share, since all of them begin at the same point; it is as large where paths connect more than once.

@@ -6,6 +6,7 @@ reads like any other broken rule.
 
 import os
 from collections.abc import Collection
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -85,7 +86,9 @@ def flag(field: str, value: object) -> bool:
 def choice(field: str, value: object, choices: Collection[str]) -> str:
     """Return a name, which has to be one of some."""
     if not isinstance(value, str) or value not in choices:
-        reject(field, "one of " + ", ".join(f'"{name}"' for name in choices), value)
+        near = get_close_matches(value, choices, 1, 0.6) if isinstance(value, str) else ()
+        meant = f"Did you mean {near[0]}?" if near else ""
+        reject(field, "one of " + ", ".join(f'"{name}"' for name in choices), value, meant)
     return str(value)
 
 

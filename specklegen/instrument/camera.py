@@ -343,8 +343,8 @@ def incoherent_sum(images: ArrayLike, weights: ArrayLike | None = None) -> np.nd
 def depolarised(image: ArrayLike, independent: ArrayLike, degree: float = 0.0) -> np.ndarray:
     """Add the two polarisations of partly polarised light, whose speckle is independent.
 
-    One has the share (1 + P) / 2, the other (1 - P) / 2. The contrast of developed speckle falls to
-    sqrt((1 + P**2) / 2): 1 / sqrt(2) where P = 0.
+    One has the share ``(1 + P) / 2``, the other ``(1 - P) / 2``. The contrast of developed speckle falls to
+    ``sqrt((1 + P**2) / 2)``: 0.71 where P = 0.
     Source: Goodman, *Speckle Phenomena in Optics* (2007), section 3.4.
 
     Parameters

@@ -28,7 +28,7 @@ _AXES = np.array([[1.0, 1, 0], [1, 0, 1], [1, -1, 0], [1, 0, -1]])  # cos and si
 
 
 class PolarisationMosaic(Value):
-    """Linear polarisers at 0, 45, 90 and 135 degrees in front of the pixels of a camera, in cells of two by two.
+    """Linear polarisers in front of the pixels of a camera, four angles 45 degrees apart in cells of two by two.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class PolarisationMosaic(Value):
         return np.einsum("sa,...ahw->...shw", np.linalg.pinv(analysers), spread)
 
     def mixture(self, rows: int, columns: int) -> np.ndarray:
-        """Share float64[4, H, W] that pixels see of images behind ideal polarisers at 0, 45, 90 and 135 degrees."""
+        """Share float64[4, H, W] that pixels see of images behind ideal polarisers, from 0 in steps of 45 degrees."""
         masks = self._masks(rows, columns)
         return masks + self._leak * np.roll(masks, 2, axis=0)  # the polariser across is two further
 

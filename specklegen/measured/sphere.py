@@ -150,8 +150,8 @@ class SphereReadings(Pictured):
 
         Transmission is over that of no sample, its port open; the third port of that sphere is taken as closed. The
         sample's reflectance for diffuse light is taken for its reflectance: 0.1 more or less of it changes a share by
-        0.1 a_s / (1 - r_w), relative, which :meth:`explain` states. Raise a `RuleError` of two spheres at a time, which
-        exchange light through the sample.
+        ``0.1 a_s / (1 - r_w)``, relative, which :meth:`explain` states. Raise a `RuleError` of two spheres at a time,
+        which exchange light through the sample.
         """
         if self.spheres > 1:
             reject("SphereReadings.spheres", "0 or 1", self.spheres, "Two spheres exchange light through the sample.")

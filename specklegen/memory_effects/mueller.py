@@ -87,7 +87,7 @@ class MuellerMatrix(Pictured):
 
     @property
     def contrast(self) -> float:
-        """Contrast of the speckle without an analyser, of light polarised along x: sqrt((1 + P^2) / 2) on the axis."""
+        """Contrast of speckle without an analyser, of light polarised along x: ``sqrt((1 + P^2) / 2)`` on the axis."""
         _, q, u, v = self.matrix[:, 0] + self.matrix[:, 1]
         intensity = self.matrix[0, 0] + self.matrix[0, 1]
         return float(np.sqrt((1 + (q * q + u * u + v * v) / intensity**2) / 2))

@@ -122,8 +122,8 @@ class TemporalCorrelation(Pictured, Labelled):
     def contrast(self, exposures: Annotated[ArrayLike, TIME]) -> ExposureContrast:
         """Squared contrast of the speckle over exposures, with errors, whatever ``lags`` and ``tilts`` were.
 
-        K^2(T) = 2 int_0^1 (1 - u) |g1(uT)|^2 du (Bandyopadhyay et al., Rev. Sci. Instrum. 76, 093110 (2005)), from the
-        paths' own momentum transfers.
+        ``K^2(T) = 2 int_0^1 (1 - u) |g1(uT)|^2 du``, from the paths' own momentum transfers (Bandyopadhyay et al.,
+        Rev. Sci. Instrum. 76, 093110 (2005)).
 
         Parameters
         ----------

@@ -192,7 +192,8 @@ class Options:
         media = 1 if self.realizations is None else whole_number(f"{self.owner} realizations", self.realizations, 1)
         tolerance = real_number("field_tolerance", self.field_tolerance)
         if not 0 < tolerance < 1:
-            reject("field_tolerance", "between 0 and 1", tolerance)
+            reject("field_tolerance", "between 0 and 1", tolerance,
+                   "It is the relative error of the nonuniform FFT; 0.001 is the default.")  # fmt: skip
         checked = {name: flag(name, getattr(self, name)) for name in ("mean", "streamed", "envelope")}
         asked = asked_sampler("sampler", self.sampler)
         for name, value in {**checked, "media": media, "field_tolerance": tolerance, "asked": asked}.items():

@@ -36,9 +36,8 @@ def _says(cls: type[Sensor], name: str) -> bool:
 class Sensor(Registered):
     """Views of a scene. Subclass it for a sensor of your own.
 
-    A subclass is a frozen value with fields of its own, and with ``directions`` (unit vectors of travel,
-    float64[..., 3], or float64[..., 2] in flatland) or ``points`` (float64[..., 3] or [..., 2]). The name of the class
-    is its ``type``.
+    A subclass is a frozen value with fields of its own. It has ``directions`` (unit vectors of travel) or ``points``,
+    of shape ``float64[..., 3]``, or ``float64[..., 2]`` in flatland. The name of the class is its ``type``.
 
     Examples
     --------

@@ -101,7 +101,7 @@ class GaussianBeam(Value):
 
     @property
     def tangents(self) -> np.ndarray:
-        """float64[2], 3 / (k sqrt(2 lambda)) for the eigenvalues lambda of sigma, larger eigenvalue first."""
+        """float64[2], ``3 / (k sqrt(2 lambda))`` for the eigenvalues lambda of sigma, larger eigenvalue first."""
         return 3 / (self.k * np.sqrt(2 * np.linalg.eigvalsh(self.sigma)[::-1]))
 
     @property

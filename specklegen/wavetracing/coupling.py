@@ -156,7 +156,8 @@ def illumination_of(
     order = np.argsort(-share, kind="stable")
     carried = np.cumsum(share[order])
     if not carried[-1] > 0:
-        reject("illumination_of fields", "of some power that travels", float(carried[-1]), "A closed mask is dark.")
+        reject("illumination_of fields", "of some power that travels", float(carried[-1]),
+               "The mask is closed, or its field varies within a wavelength: open or widen it.")  # fmt: skip
     kept = np.sort(order[: 1 + int(np.searchsorted(carried, power * carried[-1]))])
     kept = kept[share[kept] > 0]
     directions = directions_of_sines("illumination_of fields", sines[kept])
@@ -167,7 +168,7 @@ def illumination_of(
 def light_behind(values: np.ndarray, sensor: FarFieldGrid, wavelength: Annotated[float, WAVELENGTH]) -> WaveSum:
     """Return the light behind a medium, from its far field: on the way to an aperture, a mask, a camera.
 
-    A far field f(s), |f|^2 power per solid angle, is that of u = (ik / 2 pi) sum_s ds^2 f(s) / cos(s) e^{ik s.r}
+    A far field f(s), |f|^2 power per solid angle, is that of ``u = (ik / 2 pi) sum_s ds^2 f(s) / cos(s) e^{ik s.r}``
     (Goodman, *Introduction to Fourier Optics*, section 3.10); z is counted from the plane where the light leaves.
 
     Parameters

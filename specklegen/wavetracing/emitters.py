@@ -41,8 +41,9 @@ class _AtOnePlace(Value):
 class CollimatedEmitter(Value):
     """Parallel light over a rectangle, as an ensemble of Gaussian beams of evenly spread centres.
 
-    The ensemble is a Gaussian Schell-model source of coherence width sigma_g = sqrt(2 Sigma) = 2 beam_radius / 3: two
-    points d apart have the degree of coherence exp(-d^2 / 4 Sigma). A wide beam is coherent light, a narrow one is not.
+    The ensemble is a Gaussian Schell-model source of coherence width ``sigma_g = sqrt(2 Sigma) = 2 beam_radius / 3``:
+    two points d apart have the degree of coherence ``exp(-d^2 / 4 Sigma)``. A wide beam is coherent light, a narrow one
+    is not.
 
     Attributes
     ----------
@@ -113,7 +114,7 @@ class CollimatedEmitter(Value):
 
     @property
     def coherence(self) -> float:
-        """Coherence width sigma_g = sqrt(2 Sigma): the degree of coherence is exp(-d^2 / 2 sigma_g^2)."""
+        """Coherence width ``sigma_g = sqrt(2 Sigma)``: the degree of coherence is ``exp(-d^2 / 2 sigma_g^2)``."""
         return float(np.sqrt(2 * self.sigma))
 
     def lights(self, points: np.ndarray) -> np.ndarray:
@@ -167,7 +168,7 @@ class PointEmitter(_AtOnePlace):
         return float(np.tan(self.beam_angle))
 
     def field(self, points: np.ndarray) -> np.ndarray:
-        """Field complex128[...] at float64[..., 3] in free space: |u|^2 is the power flux, P / 4 pi r^2."""
+        """Field complex128[...] at float64[..., 3] in free space: |u|^2 is the power flux, ``P / 4 pi r^2``."""
         r = np.linalg.norm(np.asarray(points, float) - self.position, axis=-1)
         return np.sqrt(self.power / (4 * np.pi)) * np.exp(2j * np.pi / self.wavelength * r) / r
 

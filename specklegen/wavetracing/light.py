@@ -165,7 +165,8 @@ def seen_from(
     if isinstance(light, PlaneWave | GaussianBeam | GaussianLaser):
         direction = light.direction @ turn
         if not direction[2] > 0:
-            reject(f"{name} rotation", "a screen that the light meets from behind, at z < 0 of its frame", direction)
+            reject(f"{name} rotation", "a screen that the light meets from behind, at z < 0 of its frame", direction,
+                   "Turn the screen so that its normal points the way the light travels.")  # fmt: skip
         if isinstance(light, PlaneWave):
             return light.replace(direction=direction, amplitude=complex(light.field(move))), plane
     if isinstance(light, PointEmitter):

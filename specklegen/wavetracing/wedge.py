@@ -228,7 +228,7 @@ def lossy_wedge_field(
     r = real_array("lossy_wedge_field distance", distance)
     phi, incidence, r = together("lossy_wedge_field", phi=phi, incidence=incidence, distance=r)
     if not (k * r >= NEAREST).all():
-        reject("lossy_wedge_field distance", "at least 1/k", r, "Nearer by there is no ray.")
+        reject("lossy_wedge_field distance", "at least 1/k", r, "Nearer by there are no rays: move the point away.")
 
     def reflected(to_face: np.ndarray) -> np.ndarray:
         """Coefficient at an angle to a face."""

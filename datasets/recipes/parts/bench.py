@@ -107,7 +107,9 @@ class Bench(Value):
             if not low <= smallest <= largest <= high:
                 reject(f"Bench.{name}", f"from {low:g} to {high:g}", getattr(self, name))
         if any(type(camera) is not Camera or camera.oversampling != 1 for camera in self.cameras):
-            reject("Bench.cameras", "plain cameras without oversampling", [type(each) for each in self.cameras])
+            names = [type(camera).__name__ for camera in self.cameras]
+            reject("Bench.cameras", "plain cameras without oversampling", names,
+                   "Give Camera values with oversampling = 1; other cameras go into [exposure].")  # fmt: skip
         if any(math.isinf(camera.saturation) for camera in self.cameras):
             reject("Bench.cameras", "cameras that saturate", "neither full_well nor bit_depth",
                    "Give one of them: brightness is a share of the saturation level.")  # fmt: skip
