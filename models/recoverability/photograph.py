@@ -542,10 +542,11 @@ def _is_one_field(evidence: Mapping[str, float], variance: float) -> bool:
 def _one_field(contrast: float) -> Reason:
     """Say that fields have added and not intensities, and what can be done."""
     return Reason(
-        "coherent object", f"contrast {contrast:.2g} is that of one field, whose autocorrelation is not the object's",
-        "for an object in laser light train a network, as by `specklegen train coherent-digits --network unet --input "
-        "camera --loss pearson` (coherent-slab behind a slab); an object that shines incoherently is one point, or one "
-        "far brighter than the rest",
+        "coherent object", f"contrast {contrast:.2g} is that of one field: either an object in laser light, whose "
+        "autocorrelation is not that of its speckle, or a single point of light; the frame does not tell which",
+        "for an object in laser light train a network on a `coherent-` recipe, as by `specklegen train coherent-digits "
+        "--network unet --input camera --loss pearson` (docs/coherentobject.md); a single point, or one far brighter "
+        "than the rest, has nothing to be reconstructed but its place",
     )  # fmt: skip
 
 

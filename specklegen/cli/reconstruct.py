@@ -54,6 +54,10 @@ def reconstruct(
                                show_default="8; 4 above 160 pixels"),
     fast: bool = option(False, "Return the solver's image without posterior draws, in a seventh of the time.",
                         "--fast"),
+    incoherent: bool = option(
+        False, "Reconstruct even frames with the contrast of one field (a laser-lit object, or a single point).",
+        "--incoherent",
+    ),
     seed: Seed = 0,
     changes: Set = None,
     as_json: AsJson = False,
@@ -84,6 +88,9 @@ def reconstruct(
                "--frames, --memory-effect, --fit-range, --draws or --fast with it",
                "This method uses no memory effect and makes no posterior draws.")  # fmt: skip
     writable(out)
+    if not incoherent and any(verdict["answer"] == "coherent object" for verdict in verdicts):
+        _write_refusal(verdicts, notes, out, as_json)
+        return
     stack = torch.from_numpy(np.stack(pictures))
     if together:
         _write_together(_deconvolved(stack, recipe, seed), _named(pages), notes, out, as_json)
@@ -253,7 +260,28 @@ def _verdict(name: str, measured: "Measurement") -> list[dict]:
         return []
     found = judge_photograph(measured)
     return [{"name": name, "answer": found.answer, "probability": found.probability, "interval": found.interval,
-             "frames_needed": found.frames_needed, "said": found.headline}]  # fmt: skip
+             "frames_needed": found.frames_needed, "said": found.headline,
+             "remedies": [each.remedy for each in found.reasons]}]  # fmt: skip
+
+
+def _write_refusal(verdicts: list[dict], notes: list[str], out: Path, as_json: bool) -> None:
+    """Write report.json without an image, and say which frames are speckle of one field, why, and what to do."""
+    table = {"notes": notes, "photographs": verdicts, "images": []}
+    (out / "report.json").write_text(json_text(table))
+    if as_json:
+        echo_json(table)
+        return
+    for verdict in verdicts:
+        typer.echo(f"{verdict['name']}: {verdict['said']}")
+        for remedy in verdict["remedies"] if verdict["answer"] == "coherent object" else ():
+            typer.echo(f"  remedy: {remedy}")
+    for note in notes:
+        typer.echo(note)
+    typer.echo(
+        "No image was reconstructed: the solver and the packaged networks know objects whose intensities add. "
+        "To run them all the same, add --incoherent; to reconstruct the other frames, leave these out."
+    )
+    typer.echo(str(out / "report.json"))
 
 
 def _one(path: Path, frames: "np.ndarray", notes: list[str]) -> "np.ndarray":

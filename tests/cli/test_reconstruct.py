@@ -72,6 +72,28 @@ def test_frames_in_three_formats(setup, tmp_path):
     assert np.load(tmp_path / "out" / "one.npy").shape == (36, 36)
 
 
+def test_frames_of_one_field_are_not_reconstructed_unless_forced(setup, tmp_path):
+    """A coherent object: no image, both things that it may be, and what to do; --incoherent runs all the same."""
+    frame = load_recipe("coherent-phase").sample(1, "test", 0)["image"]
+    np.save(tmp_path / "shown.npy", frame)
+    words = ("reconstruct", tmp_path / "shown.npy", "--setup", setup / "setup.toml", "--out", tmp_path / "out",
+             "--fast")  # fmt: skip
+    result = run(*words)
+    assert result.exit_code == 0, result.output
+    for said in ("shown.npy: coherent object: contrast", "or a single point of light", "does not tell which",
+                 "specklegen train coherent-digits", "docs/coherentobject.md", "No image was reconstructed",
+                 "--incoherent"):  # fmt: skip
+        assert said in result.output
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["images"] == []
+    assert report["photographs"][0]["answer"] == "coherent object"
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["report.json"]
+    forced = run(*words, "--incoherent")
+    assert forced.exit_code == 0, forced.output
+    assert "feasibility from the frame alone (phase retrieval): coherent object" in forced.output
+    assert (tmp_path / "out" / "shown.npy").exists()
+
+
 def test_draws_are_written_with_their_weights(setup, tmp_path):
     words = ("--setup", setup / "setup.toml", "--out", tmp_path, "--draws", 2)
     result = run("reconstruct", setup / "two.png", *words)
