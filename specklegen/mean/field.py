@@ -32,6 +32,7 @@ from specklegen.paths.volumes import volume_of
 from specklegen.scene.illumination import CollimatedBeams
 from specklegen.scene.media import Slab
 from specklegen.scene.scene import Scene
+from specklegen.synthesis.drawn_screens import unscattered_field
 
 
 @shielded()
@@ -67,6 +68,8 @@ def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
     lights = instance("mean_field scene", scene, Scene).illumination
     if not lights.coherent:
         reject("mean_field scene.illumination", "CollimatedBeams, PlaneWaves or PointSources", lights.type)
+    if scene.thin is not None and lights.gridded and scene.sensor.regular_grid is None:
+        return unscattered_field(scene)
     if scene.sensor.focused:
         lens = lens_of(scene)
         return lens.image(mean_field(lens.pupil_scene, most_nodes=most_nodes))

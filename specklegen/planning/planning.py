@@ -21,6 +21,7 @@ from specklegen.core.pace import seconds
 from specklegen.core.parallel import thread_count
 from specklegen.core.shielded import shielded
 from specklegen.core.values import remembered
+from specklegen.instrument.lens import Lens
 from specklegen.mean.rule import mean_decision
 from specklegen.paths.deep_absorption import require_reach
 from specklegen.paths.focused_light import focus_moments, narrow_lobes
@@ -30,11 +31,16 @@ from specklegen.paths.reversal import scene_reversal
 from specklegen.planning.choosing import Others, cheapest, served
 from specklegen.planning.exposure import with_sub_frames
 from specklegen.planning.plan import Plan
-from specklegen.samplers.coherent_fields import coherent_decision, coherent_mean
+from specklegen.samplers.coherent_fields import (
+    coherent_decision,
+    coherent_mean,
+    coherent_obstacle,
+    coherent_probe,
+)
 from specklegen.samplers.covariance.sampler import Eigenfields
 from specklegen.samplers.path_sums.sampler import PathSums
 from specklegen.samplers.sampler import AnySampler, Request, Sampler, asked_sampler, require_float32
-from specklegen.samplers.screens.drawn import drawn_decision
+from specklegen.samplers.screens.drawn import always_drawn, drawn_decision
 from specklegen.samplers.screens.sampler import Screens
 from specklegen.samplers.stationary.convolution import Convolution
 from specklegen.samplers.stationary.sampler import Stationary
@@ -281,15 +287,24 @@ def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
     if asked not in (None, PathSums, Stationary, Screens):
         reject("sampler", '"auto", "stationary", "screens" or "paths" for coherent objects', asked.name,
                "Other samplers do not support sums of beams.")  # fmt: skip
-    grid = scene.sensor.regular_grid
-    if grid is None or asked is PathSums or scene.polarisers is not None or scene.film:
-        if scene.thin is not None and grid is not None:
-            reject("sampler", '"auto" or "screens" for this scene', "paths", "Thin screens have no paths.")
-        if scene.thin is not None:
-            reject("Scene.sensor", "a regular far-field grid behind thin screens", scene.sensor.type,
-                   "Use FarField.grid(...).")  # fmt: skip
-        return _planned_focus(scene, budget, options)
-    probe = scene.replace(illumination=light.outermost(scene.wavelength))  # type: ignore[attr-defined]
+    if scene.thin is not None and asked not in (None, Screens):
+        reject("sampler", '"auto" or "screens" for this scene', asked.name, "Thin screens have no paths.")
+    if scene.thin is not None and always_drawn(scene):
+        return _drawn_plan(scene, budget, options)
+    kept_out = None if scene.thin is not None else coherent_obstacle(scene)
+    if kept_out is not None and asked is Stationary:
+        reject("sampler", '"auto" or "paths" for this scene', asked.name, f"The stationary sampler {kept_out}.")
+    lens = few = None
+    if kept_out is None and asked is not PathSums and scene.sensor.focused:
+        lens, turned = lens_of(scene), lit_plane(scene).turned
+        allowed = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
+        few = _turned(turned, allowed, asked is Stationary) if turned > allowed else None
+        kept_out = few.reason if few is not None and not few.needed else None
+    if kept_out is not None or asked is PathSums:
+        summed = _planned_focus(scene, budget, options)
+        left = () if kept_out is None else (Decision("stationary sampler", False, kept_out),)
+        return replace(summed, decisions=(*summed.decisions, *left))
+    seen = scene if lens is None else lens.pupil_scene
     judged = replace(
         options,
         envelope=False,
@@ -300,27 +315,54 @@ def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
     )
     if asked is not None:
         judged = replace(judged, sampler=asked)
-    made = planned(probe, budget, judged)
+    probe = seen.replace(illumination=coherent_probe(seen))
+    made = planned(probe, budget, judged) if lens is None else _planned(probe, budget, judged)
     if made.sampler == PathSums.name:
         summed = _planned_focus(scene, budget, options)
         said = [each for each in made.decisions if each.part == "stationary sampler"]
         return replace(summed, decisions=(*summed.decisions, *said))
-    chosen = replace(made.chosen, scene=scene)  # type: ignore[type-var]
+    chosen = replace(made.chosen, scene=seen)  # type: ignore[type-var]
+    if lens is not None:
+        chosen = replace(chosen, phased=True)  # type: ignore[call-arg]
     kept = [each for each in made.decisions if each.part != "mean (ballistic) field"]
-    drawn = drawn_decision(scene, kept)
+    drawn = drawn_decision(scene, kept) if scene.thin is not None else None
     if drawn is not None:
         chosen = replace(chosen, drawn=True)  # type: ignore[call-arg]
         kept = [drawn, *(each for each in kept if each.part != drawn.part)]
     cost, threads = chosen.cost(), thread_count(budget.threads)
-    needed = chosen.memory(threads)
+    operations, needed = dict(cost.first), chosen.memory(threads)
+    if lens is not None:
+        operations["flop"] = operations.get("flop", 0.0) + len(light.vectors) * lens.flops
+        needed += int(lens.memory)
+        kept = [*([] if few is None else [few]), _seen(lens, lit_plane(scene).extent), *kept]
     _require_memory(scene, needed, chosen.paths)
     area = scene.beams.window.area
-    ratio = coherent_mean(scene, chosen.intensity / area, scene.optical_depth)
+    ratio = coherent_mean(seen, chosen.intensity / area, scene.optical_depth)
     return replace(
-        made, scene=scene, chosen=chosen, mean=options.mean,
-        decisions=(*coherent_decision(scene, ratio, options.mean), *kept), operations=dict(cost.first),
-        seconds=seconds(cost.first, threads), setup_seconds=seconds(cost.once, threads), memory_bytes=needed,
+        made, scene=scene, chosen=chosen, mean=options.mean, lens=lens,
+        decisions=(*coherent_decision(scene, ratio, options.mean), *kept), operations=operations,
+        seconds=seconds(operations, threads), setup_seconds=seconds(cost.once, threads), memory_bytes=needed,
         alternatives={},
+    )  # fmt: skip
+
+
+def _drawn_plan(scene: Scene, budget: Budget, options: Options) -> Plan:
+    """Plan objects behind screens whose phases are drawn: what a lens sees, points, or screens that move."""
+    said = drawn_decision(scene)
+    assert said is not None
+    chosen = Screens(scene, options.streamed, drawn=True)
+    cost, needed = chosen.cost(), chosen.memory(thread_count(budget.threads))
+    _require_memory(scene, needed)
+    asked = "asked for" if options.mean else "not asked for (mean=True adds it)"
+    mean = Decision("mean (ballistic) field", options.mean, asked)
+    waves = Decision(
+        "coherent objects", True, f"the field of {len(scene.illumination.vectors)} over an illuminated width "
+        f"{scene.beams.width:.4g}",
+    )  # fmt: skip
+    return Plan(
+        scene=scene, chosen=chosen, reverse=False, mean=options.mean,
+        decisions=(waves, mean, said, *scene_decisions(scene)), operations=dict(cost.first),
+        seconds=seconds(cost.first, 1), memory_bytes=needed, alternatives={}, realizations=options.media,
     )  # fmt: skip
 
 
@@ -367,11 +409,7 @@ def _planned_image(scene: Scene, budget: Budget, options: Options) -> Plan:
     few = _too_narrow(scene, lit, asked)
     at_faces = asked is not None and asked.abilities.lens == "face"
     if few is None and lit.turned > tolerance:
-        few = Decision(
-            "stationary image", at_faces, f"between the middle of the pupil and its rim its correlation under "
-            f"a tilt turns by {lit.turned:.2g}, for the pattern moves with the beam, allowed {tolerance:g}",
-            doubt=at_faces,
-        )  # fmt: skip
+        few = _turned(lit.turned, tolerance, at_faces)
     options = replace(options, streamed=False, envelope=True)
     if few is not None and asked is None:
         options = replace(options, sampler=PathSums)
@@ -393,14 +431,27 @@ def _planned_image(scene: Scene, budget: Budget, options: Options) -> Plan:
     operations["flop"] = operations.get("flop", 0.0) + len(lens.pupil_scene.lights) * lens.flops
     memory = int(pupil_plan.memory_bytes + lens.memory)
     _require_memory(scene, memory, pupil_plan.paths)
-    views = lens.grid.shape[0]
-    seen = Decision(
-        "lens", True, f"{views}x{views} directions around sines up to {lens.camera.aperture:.3g}; its plane, "
-        f"{lens.camera.focus:.4g} behind the face, is lit over {lit.extent:.4g} and repeats after {lens.period:.4g}",
-    )  # fmt: skip
+    seen = _seen(lens, lit.extent)
     return replace(pupil_plan, scene=scene, lens=lens, pixel=pixel,
                    decisions=(*exposed, seen, *(d for d in (few, rare) if d), *kept), operations=operations,
                    seconds=seconds(operations, thread_count(budget.threads)), memory_bytes=memory)  # fmt: skip
+
+
+def _turned(turned: float, allowed: float, asked: bool) -> Decision:
+    """Say that the pattern moves with the beam, against which the stationary sampler may be asked for."""
+    return Decision(
+        "stationary image", asked, f"between the middle of the pupil and its rim its correlation under "
+        f"a tilt turns by {turned:.2g}, for the pattern moves with the beam, allowed {allowed:g}", doubt=asked,
+    )  # fmt: skip
+
+
+def _seen(lens: Lens, extent: float) -> Decision:
+    """Say over what directions an image is summed."""
+    views = lens.grid.shape[0]
+    return Decision(
+        "lens", True, f"{views}x{views} directions around sines up to {lens.camera.aperture:.3g}; its plane, "
+        f"{lens.camera.focus:.4g} behind the face, is lit over {extent:.4g} and repeats after {lens.period:.4g}",
+    )  # fmt: skip
 
 
 def _with_sub_frames(scene: Scene, tolerance: float) -> tuple[Scene, list[Decision]]:

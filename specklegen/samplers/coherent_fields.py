@@ -12,8 +12,9 @@ from specklegen.core.nanoseconds import Cost
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.samplers.sampler import FIXED_BYTES, TORCH_BYTES, Realization, Where
+from specklegen.scene.illumination import CollimatedBeams
 from specklegen.scene.scene import Scene
-from specklegen.synthesis.coherent import OneObject, WaveGrid, wave_grid
+from specklegen.synthesis.coherent import OneObject, wave_grid
 
 if TYPE_CHECKING:
     import torch
@@ -40,8 +41,8 @@ class AnyObject(Protocol):
         ...
 
 
-Drawing = Callable[[WaveGrid, np.ndarray], OneObject | AnyObject]
-"""(plane waves and camera, amplitudes complex128[T, M, M]) -> what draws their speckle."""
+Drawing = Callable[[Scene], tuple[OneObject | AnyObject, np.ndarray]]
+"""Scene -> what draws the speckle of its objects, and their amplitudes complex128[T, M, M]."""
 _TYPICAL_MODES = 8  # of a medium that several objects see, before K is known
 
 
@@ -62,19 +63,11 @@ class CoherentRenderer:
     seed: Seed
 
     @cached_property
-    def _waves(self) -> tuple[WaveGrid, np.ndarray]:
-        return wave_grid(self.scene.illumination, self.scene.wavelength, self.scene.grid)
-
-    @cached_property
-    def _drawn_by(self) -> OneObject | AnyObject:
+    def _made(self) -> "tuple[OneObject | AnyObject, torch.Tensor | None]":
+        """The drawer, and the light of all objects; of one alone the drawer holds that."""
         with one_torch_thread():
-            return self.drawing(*self._waves)
-
-    @cached_property
-    def _light(self) -> "torch.Tensor":
-        drawn_by = self._drawn_by
-        assert not isinstance(drawn_by, OneObject)
-        return drawn_by.light(self._waves[1])
+            drawn_by, amplitudes = self.drawing(self.scene)
+            return drawn_by, None if isinstance(drawn_by, OneObject) else drawn_by.light(amplitudes)
 
     def _realization(self, number: int) -> np.ndarray:
         """Fields complex64[T, H, W] of one medium, by a few transforms."""
@@ -82,11 +75,13 @@ class CoherentRenderer:
 
         from specklegen.synthesis.gaussian_noise import complex_normals
 
-        white = complex_normals(self.seed, number, self._drawn_by.normals, torch.complex64)
+        drawn_by, light = self._made
+        white = complex_normals(self.seed, number, drawn_by.normals, torch.complex64)
         with one_torch_thread():
-            if isinstance(self._drawn_by, OneObject):
-                return self._drawn_by.speckle(white).numpy()
-            return self._drawn_by.speckle(self._drawn_by.medium(white), self._light).numpy()
+            if isinstance(drawn_by, OneObject):
+                return drawn_by.speckle(white).numpy()
+            assert light is not None
+            return drawn_by.speckle(drawn_by.medium(white), light).numpy()
 
     def media(self, count: int) -> Iterator[Realization]:
         """Fields of one medium after the other."""
@@ -99,7 +94,10 @@ class CoherentRenderer:
 
 
 def coherent_cost(scene: Scene, once: Mapping[str, float], modes: int | None = None) -> Cost:
-    """Count the operations of one realization, after those that are done ``once``."""
+    """Count the operations of one realization, after those that are done ``once``.
+
+    ``modes`` are those of a medium; of fields that are mixed cell by cell as many as there are objects.
+    """
     grid, amplitudes = wave_grid(scene.illumination, scene.wavelength, scene.grid)
     count = len(amplitudes)
     modes = modes or (1 if count == 1 else _TYPICAL_MODES)
@@ -112,7 +110,7 @@ def coherent_cost(scene: Scene, once: Mapping[str, float], modes: int | None = N
 def coherent_memory(scene: Scene) -> int:
     """Bytes by which the process grows at most."""
     grid, amplitudes = wave_grid(scene.illumination, scene.wavelength, scene.grid)
-    modes = 1 if len(amplitudes) == 1 else 4 * _TYPICAL_MODES
+    modes = 1 if len(amplitudes) == 1 else max(4 * _TYPICAL_MODES, 2 * len(amplitudes))
     size = float(np.prod(grid.period)) * 8
     return int(size * (3 * modes * len(amplitudes) + 4) + TORCH_BYTES + FIXED_BYTES)
 
@@ -123,9 +121,38 @@ def coherent_mean(scene: Scene, intensity: float, depth: float) -> float:
     ``intensity`` is the scattered one of a beam of unit irradiance over its area, e^-depth the unscattered share.
     """
     grid, amplitudes = wave_grid(scene.illumination, scene.wavelength, scene.grid)
-    power = np.square(np.abs(amplitudes))
+    power = np.square(np.abs(amplitudes)) * (1.0 if scene.polarisers is None else abs(scene.polarisers.straight) ** 2)
     strongest = (power.max(axis=(1, 2)) / np.maximum(power.sum(axis=(1, 2)), 1e-300)).max(initial=0.0)
     return float(np.exp(-depth) * strongest * (grid.side / grid.wavelength) ** 2 / max(intensity, 1e-300))
+
+
+MOST_FRAMES = 32
+"""Objects and frames that are mixed cell by cell, at most."""
+
+
+def coherent_obstacle(scene: Scene) -> str | None:
+    """Say why the memory effect between plane waves does not serve a scene of a volume; None where it may."""
+    if scene.sensor.near:
+        return "serves narrow cameras: points in the near field see light of all directions, whose brightness differs"
+    if scene.sensor.regular_grid is None and not scene.sensor.focused:
+        return "needs a regular far-field grid or a lens"
+    if scene.side < 0:
+        return "draws coherent objects in transmission only"
+    if scene.film and scene.volume.flows:
+        return "draws no films of coherent objects behind media that flow"
+    mixed = scene.film or scene.polarisers is not None or scene.sensor.focused
+    if mixed and len(scene.illumination.vectors) > MOST_FRAMES:
+        return f"mixes at most {MOST_FRAMES} frames or objects"
+    return None
+
+
+def coherent_probe(scene: Scene) -> CollimatedBeams:
+    """Return the outermost plane waves of a scene's objects, of a film at its first time and its last."""
+    probe = scene.illumination.outermost(scene.wavelength)  # type: ignore[attr-defined]
+    if not scene.film:
+        return probe
+    times, beams = np.asarray(scene.illumination.times), len(probe.directions)  # type: ignore[attr-defined]
+    return probe.replace(directions=np.tile(probe.directions, (2, 1)), times=np.repeat(times[[0, -1]], beams))
 
 
 def coherent_decision(scene: Scene, ratio: float, mean: bool) -> list[Decision]:

@@ -45,7 +45,7 @@ class Scene(Value, Pictured):
     medium
         What scatters: :class:`Slab`, :class:`Layers`, :class:`Box`, :class:`VoxelGrid`; or thin, :class:`PhaseScreen`,
         :class:`GroundGlass`, :class:`ScreenStack`, which are lit by collimated beams or an object, and seen by a
-        far-field grid in transmission.
+        far-field grid in transmission; a coherent object behind them by any sensor.
     illumination
         What lights it: :class:`PlaneWaves`, :class:`CollimatedBeams`, :class:`FocusedBeams`, :class:`CoherentObject`,
         :class:`PointSources`, or an :class:`IncoherentObject`, which is hidden behind it.
@@ -121,6 +121,10 @@ class Scene(Value, Pictured):
         """Refuse polarised media without an analyser, analysers before others, and what no polarised scene is for."""
         polarisation = getattr(self.medium, "polarisation", "scalar")
         if polarisation == "scalar":
+            if self.polarisers is not None and self.thin is not None:
+                reject("Scene.polarisers", f"left out behind a {self.medium.type}", self.polarisers,
+                       "A thin screen leaves the polarisation as it is: parallel polarisers change nothing, and "
+                       "crossed ones pass no light.")  # fmt: skip
             if self.polarisers is not None:
                 reject("Scene.polarisers", "left out for scalar light", self.polarisers,
                        'Give the Slab polarisation = "projector" or "vector".')  # fmt: skip
@@ -129,16 +133,21 @@ class Scene(Value, Pictured):
             reject("Scene.polarisers", "given for polarised light", None,
                    "Use Polarisers.parallel() or crossed(). For an image without analyser, add both images "
                    "of one seed.")  # fmt: skip
+        if self.sensor.near:
+            reject("Scene.sensor", "a far field or a lens, behind polarisers", self.sensor.type,
+                   "An analyser passes one component of light of one direction, and a point is met by light of all: "
+                   "look through a lens.")  # fmt: skip
         served = self.illumination.limited and (self.illumination.gridded or not self.illumination.focused)
-        served = served and not self.sensor.near and not self.sensor.focused
+        served = served and (self.illumination.coherent or not self.sensor.focused)
         if not served or getattr(self.illumination, "exposure", None) is not None:
             reject("Scene.medium", 'of polarisation = "scalar" in this scene', polarisation,
                    "Polarised light is supported for beams and objects in the far field, at single times, "
-                   "without a lens.")  # fmt: skip
+                   "and through a lens if they are coherent.")  # fmt: skip
 
     def _require_lens(self) -> None:
         """Refuse a lens before what it does not serve, an aperture that nothing fills, and pixels too large."""
-        if not isinstance(self.medium, PlaneParallel) or not self.illumination.limited:
+        seen = isinstance(self.medium, PlaneParallel) or (self.thin is not None and self.illumination.gridded)
+        if not seen or not self.illumination.limited:
             reject("Scene.sensor", "FarField or NearField for this medium and light", self.sensor.type,
                    "A camera with a lens needs a Slab or Layers, and CollimatedBeams or an "
                    "IncoherentObject.")  # fmt: skip
@@ -168,8 +177,8 @@ class Scene(Value, Pictured):
                        float(apart[shortest]),
                        f"Exposures of {exposure[shortest]:g} must not overlap.")  # fmt: skip
             times = np.concatenate([instants[:1], times + exposure])
-        if self.sensor.near:
-            reject("Scene.sensor", "in the far field, for films of a moving medium", self.sensor.type)
+        if self.sensor.near and not self.illumination.coherent:
+            reject("Scene.sensor", "in the far field, for exposures of a moving medium", self.sensor.type)
         flow_rows(self.volume.motions, self.dimension)  # of another dimension they are refused
         law = law_of(self.volume.motions)
         if law is not None:
@@ -205,14 +214,17 @@ class Scene(Value, Pictured):
         medium, light = self.medium, self.illumination
         if not light.limited:
             reject("Scene.illumination", f"CollimatedBeams or an object in front of a {medium.type}", light.type)
-        if self.sensor.near or self.side < 0:
-            reject("Scene.sensor", f"in the far field, in transmission, behind a {medium.type}", self.sensor.type,
-                   "Use FarField.grid(...): a thin screen reflects no light.")  # fmt: skip
-        if light.gridded and getattr(light, "times", None) is not None:
-            reject("CoherentObject.times", f"left out in front of a {medium.type}", "times",
-                   "Make the film of its plane waves, modes(wavelength).replace(times=...), frame by frame, and add up "
-                   "their fields with amplitudes(wavelength).")  # fmt: skip
+        if self.side < 0:
+            reject("Scene.sensor", f"in transmission, behind a {medium.type}", self.sensor.type,
+                   "A thin screen reflects no light.")  # fmt: skip
+        if self.sensor.near and not light.gridded:
+            reject("Scene.sensor", f"in the far field, behind a {medium.type} lit by beams", self.sensor.type,
+                   "Use FarField.grid(...), or an even CoherentObject in place of the beam.")  # fmt: skip
         stack = require_thin(medium, self.wavelength)  # type: ignore[arg-type]
+        if self.sensor.near and self.views[:, -1].min(initial=np.inf) < sum(stack.gaps):
+            reject("Scene.sensor", f"at depths of at least {sum(stack.gaps):.4g}, behind the last screen",
+                   float(self.views[:, -1].min()),
+                   "For a plane between screens leave out the screens behind it.")  # fmt: skip
         lengths = {"Scene.wavelength": self.wavelength, f"{light.type}.width": self.beams.width}
         lengths |= {f"{medium.type}.correlation_length": length for length in stack.correlation_lengths}
         require_range(lengths | {f"{medium.type}.gaps": gap for gap in (*stack.gaps, stack.behind)})

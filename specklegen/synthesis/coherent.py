@@ -10,7 +10,9 @@ the light that has walked, J = P * |E|^2. Objects that see the same medium share
     U_t(x) = sum_r G_r(x) L_rt(x),   L_rt(x) = sum_n a_nt phi_r(n) e^(ik s_n . x),
     K(s_n - s_m) = sum_r phi_r(n) phi_r(m)
 
-of the angular spectrum a_n; G_r is white, or behind a thin screen has the spectrum f(v - s), the light about each wave.
+of the angular spectrum a_n. Frames of a film, and objects where K is neither round nor real (behind analysers), have in
+every cell the covariance J_tt'(x) = P_tt' * (E_t E_t'^*), of which a triangular root mixes white noise. G_r is
+white, or behind a thin screen has the spectrum f(v - s), the light about each wave.
 Of one screen K is 1: the field is the product of the object's field with that of the screen.
 """
 
@@ -99,6 +101,12 @@ class WaveGrid:
         along, across = np.fft.fftfreq(y.period, y.size), np.fft.rfftfreq(x.period, x.size)
         return 2 * np.pi * np.hypot(along[:, None], across)
 
+    @property
+    def around(self) -> np.ndarray:
+        """Return |q| float64[Y, X] of a complex transform over the period."""
+        y, x = self.axes
+        return 2 * np.pi * np.hypot(np.fft.fftfreq(y.period, y.size)[:, None], np.fft.fftfreq(x.period, x.size))
+
     def walked(self, irradiance: np.ndarray, walk: np.ndarray) -> np.ndarray:
         """Return J float64[Y, X] over a period: irradiance float[y, x] that walks as ``walk`` says, K at ``lateral``.
 
@@ -110,18 +118,28 @@ class WaveGrid:
         return walked.clamp_(min=0.0).numpy()
 
     @cached_property
-    def _ramps(self) -> tuple[np.ndarray, np.ndarray]:
-        """e^(-ik v x) of the first view over the window's cells, and of the first cell at every view."""
+    def _ramps(self) -> dict[tuple, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
+    def _ramps_of(self, cells: tuple[int, int], start: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+        """e^(-ik v x) of the first view over some cells, and of the first of them at every view."""
         k, inside, beyond = 2 * np.pi / self.wavelength, [], []
-        for axis, count, center in zip(self.axes, self.shape, self.center[::-1], strict=True):
+        for axis, held, begin, count, center in zip(
+            self.axes, cells, start, self.shape, self.center[::-1], strict=True
+        ):
             first = center - (count - 1) / 2 * self.pitch
-            inside.append(np.exp(-1j * k * first * axis.positions))
-            beyond.append(np.exp(-1j * k * self.pitch * np.arange(count) * axis.positions[0]))
+            places = axis.positions[0] + (begin + np.arange(held)) * axis.size if begin or held != axis.count \
+                else axis.positions
+            inside.append(np.exp(-1j * k * first * places))
+            beyond.append(np.exp(-1j * k * self.pitch * np.arange(count) * places[0]))
         return np.multiply.outer(*inside).astype(np.complex64), np.multiply.outer(*beyond).astype(np.complex64)
 
-    def far_field(self, fields: torch.Tensor) -> torch.Tensor:
-        """Return sum_x e^(-ik v . x) U(x) complex64[..., H, W], of U on the window's cells."""
-        inside, beyond = (torch.from_numpy(each) for each in self._ramps)
+    def far_field(self, fields: torch.Tensor, start: tuple[int, int] = (0, 0)) -> torch.Tensor:
+        """Return sum_x e^(-ik v . x) U(x) complex64[..., H, W], of U on cells from ``start`` of the window's on."""
+        key = (*fields.shape[-2:], *start)
+        if key not in self._ramps:
+            self._ramps[key] = self._ramps_of((key[0], key[1]), start)
+        inside, beyond = (torch.from_numpy(each) for each in self._ramps[key])
         return self.transform(fields * inside) * beyond
 
     def transform(self, fields: torch.Tensor) -> torch.Tensor:
@@ -212,6 +230,78 @@ def _shortest(along: np.ndarray, enough: float) -> np.ndarray:
     if after + before >= count:
         return np.arange(count)
     return (int(along.argmax()) + np.arange(-before, after)) % count
+
+
+@dataclass(frozen=True, eq=False)
+class JointObjects:
+    """Draws the speckle of a few objects behind one medium, or of one in a film: noise mixed cell by cell.
+
+    Attributes
+    ----------
+    grid : WaveGrid
+    roots : complex64[T, T, y, x]
+        Lower triangular roots of the covariance of the fields in each cell: frames that come later change none before.
+    first : (int, int)
+        Cells from the first of the window to the first of these, along (y, x).
+    """
+
+    grid: WaveGrid
+    roots: torch.Tensor
+    first: tuple[int, int]
+
+    @property
+    def normals(self) -> tuple[int, ...]:
+        """Shape of the noise."""
+        return tuple(self.roots.shape[1:])
+
+    def medium(self, white: torch.Tensor) -> torch.Tensor:
+        """Return the noise itself."""
+        return white
+
+    def light(self, amplitudes: np.ndarray) -> torch.Tensor:  # noqa: ARG002 - the roots hold it
+        """Return the roots."""
+        return self.roots
+
+    def speckle(self, medium: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+        """Return fields complex64[T, H, W], of phases at the exit face."""
+        return torch.stack([self.grid.far_field((row * medium).sum(0), self.first) for row in light])
+
+
+def joint_objects(
+    grid: WaveGrid, amplitudes: np.ndarray, walk: Callable[[int, int], np.ndarray], intensity: float
+) -> JointObjects:
+    """Prepare objects of amplitudes complex[T, M, M]; ``walk(t, t')`` is K of two of them, complex[Y, X].
+
+    ``intensity`` is the scattered intensity of a beam of unit irradiance, over its area.
+    """
+    fields, count = torch.from_numpy(grid.field(amplitudes)).to(torch.complex128), len(amplitudes)
+    period = grid.period
+
+    def covariance(t: int, other: int) -> torch.Tensor:
+        spectrum = torch.fft.fft2(fields[t] * fields[other].conj(), s=period)
+        return torch.fft.ifft2(spectrum * torch.from_numpy(walk(t, other)))
+
+    own = [covariance(t, t).real.clamp_(min=0.0) for t in range(count)]
+    light = torch.stack(own).sum(0).numpy()
+    held = []
+    for axis in (0, 1):
+        along = light.sum(axis=1 - axis)
+        held.append(_shortest(along, (1 - _DIM) * along.sum()))
+    rows, columns = (torch.from_numpy(np.ascontiguousarray(each)) for each in held)
+    roots = torch.zeros((count, count, len(rows), len(columns)), dtype=torch.complex128)
+    for t in range(count):
+        lit = own[t][rows[:, None], columns]
+        for other in range(t):
+            shared = covariance(t, other)[rows[:, None], columns]
+            left = shared - (roots[t, :other] * roots[other, :other].conj()).sum(0)
+            pivot = roots[other, other].real
+            roots[t, other] = torch.where(pivot > 0, left / pivot.clamp_min(1e-150), 0.0)
+        used = roots[t].abs().square().sum(0)  # more than there is only by rounding, where cells are dark
+        roots[t] *= torch.sqrt(torch.where(used > lit, lit / used.clamp_min(1e-300), 1.0))
+        roots[t, t] = torch.sqrt((lit - used).clamp_min(0.0))
+    roots *= (intensity * grid.area) ** 0.5
+    first = tuple(int(each[0]) - (n if each[0] > n // 2 else 0) for each, n in zip(held, period, strict=True))
+    return JointObjects(grid, roots.to(torch.complex64).contiguous(), first)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False)

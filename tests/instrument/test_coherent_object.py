@@ -9,7 +9,7 @@ from references.rayleigh_sommerfeld import propagated_field
 import specklegen as sg
 from specklegen.light import CoherentObject
 from tests.refusals import assert_refused
-from tests.zscore import assert_mean, refute_mean
+from tests.zscore import assert_mean, assert_z, refute_mean, refute_z
 
 # Few correlation lengths are lit here, which the planner says.
 pytestmark = pytest.mark.filterwarnings("ignore:screens:specklegen.DoubtWarning")
@@ -142,6 +142,7 @@ def test_rendered_fields_are_sums_over_a_transmission_matrix():
 
 HG, CROSSED = sg.media.HenyeyGreenstein(0.7), sg.light.Polarisers.crossed()
 FAR, BACK = (sg.sensors.FarField.grid((6, 6), 2e-3, side=side) for side in ("transmission", "reflection"))
+NEAR = sg.sensors.NearField(np.array([[0.0, 3.0, 90.0], [9.0, 0.0, 90.0]]))
 LENS = sg.sensors.Imaging(shape=(4, 4), pitch=4.0, aperture=0.05)
 THIN = sg.Slab(thickness=60.0, mean_free_path=10.0, scatterer=HG)
 BROWNIAN = THIN.replace(motion=sg.media.Brownian(diffusion=1.0))
@@ -152,7 +153,7 @@ COMBINATIONS = {
                    sg.media.Layer(thickness=30.0, mean_free_path=10.0, scatterer=HG)]), FAR, None, None),
     "box": (sg.media.Box(lower=[-90, -90, 0], upper=[90, 90, 40], mean_free_path=20.0, scatterer=HG), FAR, None, None),
     "reflection": (THIN, BACK, None, None),
-    "near field": (THIN, sg.sensors.NearField(np.array([[0.0, 3.0, 90.0], [9.0, 0.0, 90.0]])), None, None),
+    "near field": (THIN, NEAR, None, None),
     "lens": (THIN, LENS, None, None),
     "lens, reflection": (THIN, LENS.replace(side="reflection"), None, None),
     "vector": (THIN.replace(polarisation="vector", scatterer=sg.media.Rayleigh()), FAR, CROSSED, None),
@@ -162,6 +163,10 @@ COMBINATIONS = {
         FAR, CROSSED, None),
     "film": (BROWNIAN, FAR, None, [0.0, 1e-3]),
     "film, lens": (BROWNIAN, LENS, None, [0.0, 1e-3]),
+    "film, near field": (BROWNIAN, NEAR, None, [0.0, 1e-3]),
+    "lens, projector": (THIN.replace(polarisation="projector"), LENS, CROSSED, None),
+    "lens, vector": (THIN.replace(polarisation="vector", scatterer=sg.media.Rayleigh()), LENS, CROSSED, None),
+    "film, lens, projector": (BROWNIAN.replace(polarisation="projector"), LENS, CROSSED, [0.0, 1e-3]),
     "film, projector": (BROWNIAN.replace(polarisation="projector"), FAR, CROSSED, [0.0, 1e-3]),
 }  # fmt: skip
 
@@ -200,6 +205,30 @@ def test_every_combination_is_the_sum_of_its_plane_waves(name):
     assert np.abs(field - wrong).max() > 0.02 * np.abs(expected).max()
 
 
+def test_far_points_see_the_film_of_far_views():
+    """Frames at points a million wavelengths away correlate as far views there; those of a fifth of the lag do not."""
+    medium = sg.Slab(thickness=20.0, mean_free_path=10.0, scatterer=sg.media.HenyeyGreenstein(0.3),
+                     motion=sg.media.Brownian(diffusion=1.0))  # fmt: skip
+    turn = np.arange(8) * np.pi / 4
+    views = np.stack([0.5 * np.cos(turn), 0.5 * np.sin(turn), np.full(8, np.sqrt(0.75))], axis=-1)
+
+    def correlations(sensor, seed, times=(0.0, 0.01, 0.02)):
+        light = sg.light.CollimatedBeams(directions=[[0, 0, 1.0]] * 3, width=100.0, times=times)
+        seen = sg.Scene(wavelength=1.0, medium=medium, illumination=light, sensor=sensor)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", sg.DoubtWarning)  # few paths
+            field = sg.render(seen, sampler="paths", paths=150, realizations=150, seed=seed, threads=1).field
+        power = np.square(np.abs(field)).mean()
+        return np.stack([(field[:, 0] * field[:, t].conj()).real.mean(axis=1) / power for t in (1, 2)], axis=-1)
+
+    far, near = correlations(sg.sensors.FarField(views), 1), correlations(sg.sensors.NearField(1e6 * views), 2)
+    soon = correlations(sg.sensors.NearField(1e6 * views), 3, (0.0, 0.002, 0.004))
+    error = np.hypot(far.std(axis=0, ddof=1), near.std(axis=0, ddof=1)) / 150**0.5
+    assert (far.mean(axis=0) > 0.05).all()
+    assert_z(near.mean(axis=0), far.mean(axis=0), error, degrees=149)
+    refute_z(soon.mean(axis=0), far.mean(axis=0), error, degrees=149)
+
+
 @pytest.mark.slow
 def test_the_stationary_sampler_is_path_sums_in_the_mean():
     """Mean intensities within 2 %, and the products of two objects' fields, at lags of views, of 24 media each."""
@@ -219,6 +248,52 @@ def test_the_stationary_sampler_is_path_sums_in_the_mean():
     assert (error < 0.05 * mean[0]).all()
     assert_mean(found, mean, slack=3 * error.max())
     refute_mean(found * np.repeat([2.0, 1.0], [2, 6]), mean, slack=3 * error.max())
+
+
+FAST = {
+    "lens": (THIN, sg.sensors.Imaging(shape=(24, 24), pitch=8.0, aperture=0.03, focus=40.0), None, None),
+    "film": (BROWNIAN, sg.sensors.FarField.grid((24, 24), 6e-4), None, [0.0, 2e-3]),
+    "film, lens": (BROWNIAN, sg.sensors.Imaging(shape=(24, 24), pitch=8.0, aperture=0.03), None, [0.0, 2e-3]),
+    "projector": (THIN.replace(polarisation="projector"), sg.sensors.FarField.grid((24, 24), 6e-4),
+                  sg.light.Polarisers.parallel(), None),
+    "vector, crossed": (THIN.replace(polarisation="vector", scatterer=sg.media.Rayleigh()),
+                        sg.sensors.FarField.grid((24, 24), 6e-4), CROSSED, None),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FAST)
+def test_fields_mixed_cell_by_cell_have_the_moments_of_path_sums(name):
+    """Mean intensities of two objects or frames, |u|^4, and products of both at lags of pixels; conjugates are told."""
+    medium, sensor, polarisers, times = FAST[name]
+    second = np.roll(LETTER[:, 1:7], 1, 1) * np.exp(0.3j * np.arange(6))
+    light = CoherentObject(LETTER[:, 1:7] if times else np.stack([LETTER[:, 1:7], second]), 40.0, times=times)
+    seen = sg.Scene(wavelength=1.0, medium=medium, illumination=light, sensor=sensor, polarisers=polarisers)
+    assert sg.plan(seen).sampler == "stationary"
+
+    def measured(**budget):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", sg.DoubtWarning)  # few paths
+            fields = sg.render(seen, **budget).field
+        power = np.square(np.abs(fields)).mean(axis=(2, 3))
+        shared = [(fields[:, 0, :, s:] * fields[:, 1, :, : 24 - s].conj()).mean(axis=(1, 2)) for s in (0, 1, 2)]
+        values = np.column_stack([power, *(each.real for each in shared), *(each.imag for each in shared)])
+        each = np.square(np.abs(fields))  # images of a lens are brighter in their middle
+        fourth = np.square(each).mean(axis=0).sum(axis=(1, 2)) / np.square(each.mean(axis=0)).sum(axis=(1, 2))
+        return values.mean(axis=0), values.std(axis=0, ddof=1) / len(fields) ** 0.5, fourth
+
+    (fast, spread, fourth), (slow, error, _) = measured(realizations=900, seed=1), measured(
+        sampler="paths", paths=600, realizations=120, seed=2)  # fmt: skip
+    scale = fast[0]
+    limit = 0.02 * np.repeat([1.0, 0.5], [2, 6])  # mean within 2 %, correlations within 0.01
+    off = np.hypot(spread, error) / scale
+    assert_z(slow / scale, fast / scale, off, degrees=119, slack=limit)
+    np.testing.assert_allclose(fourth, 2.0, atol=0.1)
+    swapped = fast * np.repeat([1.0, -1.0], [5, 3])  # a conjugate
+    told = np.abs(fast[5:]).max() > 0.1 * scale
+    if told:
+        refute_z(slow / scale, swapped / scale, off, degrees=119, slack=limit)
+    refute_z(slow / scale, fast * np.repeat([1.2, 1.0], [2, 6]) / scale, off, degrees=119, slack=limit)
 
 
 @pytest.mark.parametrize("medium", [
@@ -276,6 +351,23 @@ def test_refused(message, change):
 def test_screens_have_no_paths():
     seen = scene(CoherentObject(LETTER, 20.0), sg.GroundGlass(angle=0.1))
     assert_refused(lambda: sg.plan(seen, sampler="paths"), r"sampler must be .*screens.*have no paths")
+
+
+def test_screens_refuse_for_reasons_of_physics():
+    light, glass = CoherentObject(LETTER, 20.0), sg.GroundGlass(angle=0.1)
+    back = sg.sensors.FarField.grid((6, 6), 1e-3, side="reflection")
+
+    def seen(sensor, **parts):
+        return sg.Scene(wavelength=1.0, medium=parts.pop("medium", glass), illumination=light, sensor=sensor, **parts)
+
+    assert_refused(lambda: seen(back), "A thin screen reflects no light")
+    assert_refused(lambda: seen(LENS.replace(side="reflection")), "A thin screen reflects no light")
+    assert_refused(lambda: seen(LENS, polarisers=CROSSED), "leaves the polarisation as it is")
+    pair = sg.media.ScreenStack(screens=(glass, glass), gaps=(300.0,))
+    assert_refused(lambda: seen(sg.sensors.NearField([[0.0, 0.0, 200.0]]), medium=pair), "behind the last screen")
+    near = sg.sensors.NearField([[0.0, 0.0, 200.0]])
+    vector = THIN.replace(polarisation="projector")
+    assert_refused(lambda: seen(near, medium=vector, polarisers=CROSSED), "An analyser passes one component")
 
 
 def test_units_and_files():

@@ -91,7 +91,6 @@ def film(times, **changes):
     ({"medium": SLAB}, [0.0, 1.0], "CollimatedBeams.times", "left out for a medium at rest"),
     ({}, [0.0, 2.0, 1.0], "CollimatedBeams.times", "increasing, since the medium moves"),
     ({}, [-1e308, 1e308], "CollimatedBeams.times", "such that k"),
-    ({"sensor": sg.NearField([[0.0, 0.0, 150.0]])}, [0.0, 1.0], "Scene.sensor", "in the far field, for films"),
 ])  # fmt: skip
 def test_films_that_are_refused(changes, times, field, rule):
     assert_refused(lambda: film(times, **changes), f"{field} must be {rule}")

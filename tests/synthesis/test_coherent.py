@@ -5,12 +5,13 @@ import pytest
 import torch
 
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation
+from specklegen.memory_effects.walks import Walks
 from specklegen.oracles.screen_waves import ScreenWaves
 from specklegen.samplers.screens.coherent import behind_screens
 from specklegen.scene.coherent import CoherentObject
 from specklegen.scene.screens import PhaseScreen, ScreenStack
 from specklegen.scene.sensors import FarField
-from specklegen.synthesis.coherent import ManyObjects, one_object, radial, wave_grid, wave_modes
+from specklegen.synthesis.coherent import ManyObjects, joint_objects, one_object, radial, wave_grid, wave_modes
 from specklegen.synthesis.correlations import Tabulated
 from specklegen.synthesis.gaussian_noise import complex_normals
 from tests.zscore import assert_mean, assert_z, refute_mean, refute_z
@@ -109,6 +110,55 @@ def test_modes_and_walks_are_the_double_sum_of_amplitudes_and_memory_effect(exte
     assert worst["walk"] < 0.01
     assert worst["conjugate"] > 0.1
     assert extent < 3 or worst["complete"] > 0.05
+
+
+@pytest.mark.parametrize("extent", [0.3, 1.0, 3.0, 10.0])
+def test_noise_mixed_cell_by_cell_is_the_double_sum_of_any_memory_effect(extent):
+    """K that is neither round nor real, as in reflection, of ten pairs within 0.01; its conjugate is told.
+
+    Connections walk more along x, to one side, and later frames keep e^(-2 x Y) of each.
+    """
+    rng, objects, kept = np.random.default_rng(2), letters(), 0.4
+    grid, amplitudes = waves(objects)
+    turn = rng.uniform(0, 2 * np.pi, 400)
+    ways = np.column_stack([2.5 * np.cos(turn) + 1.0, np.sin(turn)]) * rng.exponential(1.0, 400)[:, None]
+    ways *= 0.35 * extent * PITCH
+    lags = np.round(LAGS * 1440.0) / 1440.0  # of the camera: only there light may walk farther than its period
+    walks = Walks(ways, rng.uniform(0.5, 1.5, 400), rng.exponential(1.0, 400))
+    power = np.square(np.abs(amplitudes)).sum(axis=(1, 2)) * grid.side**2
+    size = grid.axes[0].size, grid.axes[1].size
+    worst = {"pairs": 0.0, "conjugate": 0.0, "film": 0.0, "still": 0.0}
+    for n in range(len(objects)):
+        pair = amplitudes[[0, n]]
+        for later, name in ((0.0, "pairs"), (kept, "film")):
+            drawn = joint_objects(
+                grid, pair, lambda t, o, x=later: walks.spectrum(grid.period, size, x * (t != o)), 1.0
+            )
+            weights = walks.weights * np.exp(-2 * later * walks.transfer) / walks.weights.sum()
+
+            def k(q, weights=weights):
+                return np.exp(-1j * K * np.multiply.outer(q[:, 1], ways[:, 0])
+                              - 1j * K * np.multiply.outer(q[:, 0], ways[:, 1])) @ weights  # fmt: skip
+
+            shared = (drawn.roots[0] * drawn.roots[1].conj()).sum(0).numpy()
+            y, x = ((np.arange(size_) + first) for size_, first in zip(shared.shape, drawn.first, strict=True))
+            y, x = (axis.positions[0] + at * axis.size for axis, at in zip(grid.axes, (y, x), strict=True))
+            found = np.array([np.exp(-1j * K * dy * y) @ shared @ np.exp(-1j * K * dx * x) for dy, dx in lags])
+            norm = np.sqrt(power[0] * power[n])
+            found = found / norm
+            alone = by_fields(grid, pair[0], pair[1], lambda q: np.ones_like(q), lags) / norm
+            worst[name] = max(worst[name], np.abs(found - alone * k(lags)).max())
+            worst["conjugate"] = max(worst["conjugate"], np.abs(found - alone * k(lags).conj()).max())
+            if later:
+                still = alone * k(lags, walks.weights / walks.weights.sum())
+                worst["still"] = max(worst["still"], np.abs(found - still).max())
+            for t in (0, 1):
+                lit = drawn.roots[t].abs().square().sum().item()
+                assert lit == pytest.approx(power[(0, n)[t]], rel=5e-3)
+    assert worst["pairs"] < 0.01
+    assert worst["film"] < 0.01
+    assert worst["conjugate"] > 0.05
+    assert worst["still"] > 0.05
 
 
 def test_drawn_speckle_has_the_mean_and_the_contrast_of_its_light():

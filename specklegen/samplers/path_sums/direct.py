@@ -97,7 +97,7 @@ def _add(
             few = layout.of_ends(slice(None), part)
             ends = endpoint_factors(few, some, few.views, "exit")
             if last is not None:
-                ends *= np.exp(-1j * (few.views.vectors @ last[start : start + step].T))
+                ends *= np.exp(-1j * _along(few, some, last[start : start + step]))
             if into is not None and layout.polarised is not None:
                 for arriving, passed in zip(into, layout.polarised.passing(some, few.views.vectors), strict=True):
                     field[:, part] += (lit * arriving) @ (ends * passed).T
@@ -112,6 +112,15 @@ def _add(
                 field[:, part] += np.einsum("tm,vm,tvm->tv", lit, ends, s)
 
         map_blocks(block, range(0, views, VIEWS_AT_ONCE), threads)
+
+
+def _along(layout: Layout, bank: PathBank, last: np.ndarray) -> np.ndarray:
+    """Displacement float64[V, M] of the last particles along the way to every view; to points to first order."""
+    views = layout.views.vectors
+    if not layout.views.near:
+        return views @ last.T
+    ways = views[:, None] - bank.exit
+    return np.einsum("vmd,md->vm", ways, last) / np.linalg.norm(ways, axis=-1)
 
 
 def is_plain_slab(layout: Layout) -> bool:

@@ -10,23 +10,22 @@ import numpy as np
 from specklegen.samplers.coherent_media import CoherentImaging, straight_waves
 from specklegen.samplers.sampler import MediaRequest
 from specklegen.samplers.screens.correlation import profile, screen_correlation
-from specklegen.samplers.screens.drawn import DrawnScreens, drawn_screens
+from specklegen.scene.scene import Scene
 from specklegen.scene.screens import ScreenStack
-from specklegen.synthesis.coherent import ManyObjects, WaveGrid, radial, wave_modes
+from specklegen.synthesis.coherent import ManyObjects, WaveGrid, radial, wave_grid, wave_modes
 from specklegen.synthesis.correlations import Tabulated
+from specklegen.synthesis.drawn_screens import DrawnScreens, drawn_screens
 from specklegen.theory.phase_screens import lobes
 
 _CIRCULAR = 1e-3  # share of the mirrored field that nobody sees
 _CENTRED = 0.5  # pixels that a camera's middle may lie beside the axis, for mirror images to be drawn
 
 
-def screens_drawing(stack: ScreenStack, wavelength: float, *, drawn: bool = False):  # noqa: ANN201
-    """Return what draws coherent objects behind a stack: (grid, amplitudes) -> ManyObjects, or its phases."""
-
-    def drawing(grid: WaveGrid, amplitudes: np.ndarray) -> ManyObjects | DrawnScreens:  # noqa: ARG001
-        return drawn_screens(stack, wavelength, grid) if drawn else behind_screens(stack, wavelength, grid)
-
-    return drawing
+def gaussian_scene(scene: Scene) -> tuple[ManyObjects, np.ndarray]:
+    """Return what draws coherent objects behind a scene's screens as Gaussian speckle, and their amplitudes."""
+    assert scene.thin is not None
+    grid, amplitudes = wave_grid(scene.illumination, scene.wavelength, scene.grid)
+    return behind_screens(scene.thin, scene.wavelength, grid), amplitudes
 
 
 def behind_screens(stack: ScreenStack, wavelength: float, grid: WaveGrid) -> ManyObjects:

@@ -29,6 +29,7 @@ from specklegen.samplers.screens.rule import screens_decision
 from specklegen.scene.scene import Scene
 from specklegen.scene.screens import ScreenStack
 from specklegen.scene.sensors import FarFieldGrid
+from specklegen.synthesis.drawn_screens import drawn_scene
 from specklegen.synthesis.exit_grid import fft_flops, matrix_flops, stack_axes
 from specklegen.theory.phase_screens import scattered_intensity
 
@@ -132,10 +133,9 @@ class Screens(MediaSampler, name="screens"):
     def prepare(self, seed: Seed, threads: int | None) -> "ScreensRenderer | CoherentRenderer":
         """Make ready to draw."""
         if self.scene.illumination.focused:
-            from specklegen.samplers.screens.coherent import screens_drawing
+            from specklegen.samplers.screens.coherent import gaussian_scene
 
-            drawing = screens_drawing(self.stack, self.scene.wavelength, drawn=self.drawn)
-            return CoherentRenderer(self.scene, drawing, seed)
+            return CoherentRenderer(self.scene, drawn_scene if self.drawn else gaussian_scene, seed)
         return ScreensRenderer(self, seed)
 
     @property

@@ -6,7 +6,7 @@ All seeds of a scene share everything but their noise, so that is found once and
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,6 +57,8 @@ class Prepared:
         As of :class:`~specklegen.samplers.stationary.sampler.Stationary`.
     tabulated : bool
         Whether the lookup table has the memory-effect correlation.
+    lens : bool
+        Whether phases over the views count, as those of a pupil do.
     """
 
     scene: Scene
@@ -68,6 +70,7 @@ class Prepared:
     envelope: Envelope | None
     maps: ObjectMaps | None
     threads: int | None
+    lens: bool = False
 
     @cached_property
     def correlation(
@@ -278,20 +281,42 @@ def stationary_renderer(prepared: Prepared, seed: Seed) -> StationaryRenderer:
 
 
 def coherent_renderer(prepared: Prepared, seed: Seed) -> CoherentRenderer:
-    """Return media behind which coherent objects are seen: of one object its light that has walked, of more modes."""
+    """Return media behind which coherent objects are seen: of one object its light that has walked, of more modes.
+
+    Through a lens, in films and behind analysers noise is mixed cell by cell.
+    """
     from specklegen.memory_effects.correlation import MemoryEffectCorrelation
-    from specklegen.synthesis.coherent import ManyObjects, OneObject, WaveGrid, one_object, radial, wave_modes
+    from specklegen.memory_effects.walks import walks_of
+    from specklegen.synthesis.coherent import (
+        JointObjects,
+        ManyObjects,
+        OneObject,
+        joint_objects,
+        one_object,
+        radial,
+        wave_grid,
+        wave_modes,
+    )  # fmt: skip
     from specklegen.synthesis.correlations import Tabulated
     from specklegen.synthesis.stacks import mean_intensity
 
-    def drawing(grid: WaveGrid, amplitudes: np.ndarray) -> OneObject | ManyObjects:
-        correlation = prepared.correlation
-        assert isinstance(correlation, MemoryEffectCorrelation)
+    def drawing(scene: Scene) -> tuple[OneObject | ManyObjects | JointObjects, np.ndarray]:
+        grid, amplitudes = wave_grid(scene.illumination, scene.wavelength, scene.grid)
+        correlation: Any = prepared.correlation
         intensity = mean_intensity(correlation, 1.0)
-        if len(amplitudes) == 1:
-            walk = radial(correlation, grid.lateral) if intensity else np.ones(grid.lateral.shape)
-            return one_object(grid, amplitudes[0], walk, intensity)
-        modes = wave_modes(Tabulated([correlation]), grid)
-        return ManyObjects(grid, modes, float(np.sqrt(intensity * grid.area)))
+        if isinstance(correlation, MemoryEffectCorrelation) and not prepared.lens:
+            if len(amplitudes) == 1:
+                walk = radial(correlation, grid.lateral) if intensity else np.ones(grid.lateral.shape)
+                return one_object(grid, amplitudes[0], walk, intensity), amplitudes
+            modes = wave_modes(Tabulated([correlation]), grid)
+            return ManyObjects(grid, modes, float(np.sqrt(intensity * grid.area))), amplitudes
+        if isinstance(correlation, MemoryEffectCorrelation):
+            whole = grid.around
+            return joint_objects(grid, amplitudes, lambda *_: radial(correlation, whole), intensity), amplitudes
+        walks, times = walks_of(correlation), getattr(scene.illumination, "times", None)
+        lags = np.zeros((len(amplitudes),) * 2) if times is None else np.abs(np.subtract.outer(times, times))
+        reduced, size = walks.reduced(scene.wavelength, lags), (grid.axes[0].size, grid.axes[1].size)
+        spectrum = lru_cache(2 * len(amplitudes))(lambda x: walks.spectrum(grid.period, size, x))
+        return joint_objects(grid, amplitudes, lambda t, o: spectrum(float(reduced[t, o])), intensity), amplitudes
 
     return CoherentRenderer(prepared.scene, drawing, seed)

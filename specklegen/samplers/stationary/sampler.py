@@ -67,6 +67,8 @@ class Stationary(MediaSampler, name="stationary"):
         The same over a hidden object and its camera.
     tabulated : Errors or None
         What the lookup table states of its correlation, where it is taken from there.
+    phased : bool
+        Whether phases over the views count, as over the pupil of a lens before coherent objects.
     """
 
     scene: Scene
@@ -77,6 +79,7 @@ class Stationary(MediaSampler, name="stationary"):
     envelope: Envelope | None = None
     maps: ObjectMaps | None = None
     tabulated: Errors | None = None
+    phased: bool = False
 
     summation = "FFT or matrix products"
     error_of = "intensity scale, correlations between tilts"
@@ -217,7 +220,7 @@ class Stationary(MediaSampler, name="stationary"):
         from specklegen.samplers.stationary.renderer import Prepared, coherent_renderer, stationary_renderer
 
         prepared = Prepared(self.scene, self.paths, self.form, self.tabulated is not None, self.complete, self.streamed,
-                            self.envelope, self.maps, threads)  # fmt: skip
+                            self.envelope, self.maps, threads, self.phased)  # fmt: skip
         if self.scene.illumination.focused:
             return coherent_renderer(prepared, seed)
         return stationary_renderer(prepared, seed)
