@@ -1,4 +1,4 @@
-"""Refuse a release whose papers are not filled in: authors, addresses, versions, pinned actions.
+"""Refuse a release whose papers are not filled in: authors, addresses, install lines, versions, pinned actions.
 
     python packaging/check_release.py [FOLDER]
 
@@ -38,6 +38,9 @@ def findings(root: Path) -> list[str]:
             found.append(f"pyproject.toml urls.{name} must be an address of the project; got {urls.get(name, '')!r}")
     if not COLAB.fullmatch(urls.get("Notebooks", "")):
         found.append(f"pyproject.toml urls.Notebooks must be {COLAB.pattern}; got {urls.get('Notebooks', '')!r}")
+    for page in ("README.md", "docs/index.md"):
+        if f"pip install {project['name']}" not in (root / page).read_text(encoding="utf-8"):
+            found.append(f"{page} must install the release, by `pip install {project['name']}`; got a checkout's line")
     version = project["version"]
     for file, said in (("CITATION.cff", re.search(r"^version: (.*)$", citation, re.MULTILINE)),
                        ("CHANGELOG.md", re.search(r"^## (\S+)$", (root / "CHANGELOG.md").read_text(encoding="utf-8"),

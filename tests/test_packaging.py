@@ -133,7 +133,7 @@ def test_the_conda_recipe_asks_for_what_the_package_needs():
 
 
 COLAB = "https://colab.research.google.com/github"
-PAPERS = ("pyproject.toml", "CITATION.cff", ".zenodo.json", "CHANGELOG.md")
+PAPERS = ("pyproject.toml", "CITATION.cff", ".zenodo.json", "CHANGELOG.md", "README.md", "docs/index.md")
 
 
 @pytest.fixture(scope="module")
@@ -145,6 +145,8 @@ def filled(tmp_path_factory):
         text = (ROOT / name).read_text(encoding="utf-8")
         text = text.replace("https://example.org/specklegen/notebooks", f"{COLAB}/ada/engine/blob/gh-pages")
         text = re.sub(r"TODO: [^\"]*", "Ada Lovelace", text).replace("example.org", "specklegen.dev")
+        text = text.replace('pip install ".[torch]"', "pip install specklegen-torch[torch]")
+        (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(text.replace(" (unreleased)", ""), encoding="utf-8")
     return folder
 
@@ -153,12 +155,13 @@ def test_a_release_needs_its_papers(filled, tmp_path):
     findings = runpy.run_path(str(ROOT / "packaging/check_release.py"))["findings"]
     assert findings(filled) == []
     waiting = findings(ROOT)
-    assert {line.split()[0] for line in waiting} == {"pyproject.toml", "CITATION.cff", ".zenodo.json", "CHANGELOG.md"}
+    assert {line.split()[0] for line in waiting} == set(PAPERS)
     for name, old, new, said in (
         ("pyproject.toml", 'name = "Ada Lovelace"', 'name = " "', "pyproject.toml authors"),
         ("pyproject.toml", "Issues =", "Errata =", "urls.Issues"),
         ("pyproject.toml", f"{COLAB}/ada", "https://specklegen.dev/ada", "urls.Notebooks"),
         ("CITATION.cff", "Ada Lovelace", "TODO", "CITATION.cff authors"),
+        ("README.md", "pip install specklegen-torch", "pip install ./specklegen", "README.md must install the release"),
         ("CITATION.cff", "version: ", "version: 9.", "CITATION.cff must be of version"),
         (".zenodo.json", "Ada Lovelace", "", ".zenodo.json creators"),
         (".github/workflows/release.yml", "@11bd71901bbe5b1630ceea73d27597364c9af683", "@v4", "pinned to a commit"),
