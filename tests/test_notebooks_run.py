@@ -27,7 +27,7 @@ def cells(name: str) -> list[dict]:
     from sphinx_gallery.notebook import jupyter_notebook
     from sphinx_gallery.py_source_parser import split_code_and_text_blocks
 
-    _, blocks = split_code_and_text_blocks(str(ROOT / "docs/gallery" / f"{name}.py"))
+    _, blocks = split_code_and_text_blocks(str(next((ROOT / "docs/gallery").glob(f"*/{name}.py"))))
     made = jupyter_notebook(blocks, DEFAULT_GALLERY_CONF, str(ROOT / "docs/gallery"))
     return notebooks.with_install(json.loads(json.dumps(made)), SCRIPTS[name], "1.0")["cells"]
 

@@ -54,7 +54,7 @@ def contact_sheet(
             if note.wrong:
                 _frame(axis[row], "tab:red")
         _show(axis[-1], case.object, low=0, high=1)
-    for axis, name in zip(axes[:, 0], ("camera sees", *methods, "hidden object"), strict=True):
+    for axis, name in zip(axes[:, 0], ("camera image", *methods, "hidden object"), strict=True):
         axis.text(-0.08, 0.5, name, rotation=90, ha="right", va="center", fontsize=10, transform=axis.transAxes)
     figure.supxlabel(caption, fontsize=8)
     return _save(figure, out)
