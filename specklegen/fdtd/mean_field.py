@@ -40,7 +40,7 @@ from specklegen.core.quantities import with_units
 from specklegen.core.units import WAVELENGTH
 from specklegen.fdtd.currents import in_phase, out_of_phase
 from specklegen.fdtd.layers import Moments, RandomLayer
-from specklegen.fdtd.transfer_matrix import transfer_matrix
+from specklegen.fdtd.transfer_matrices import transfer_matrix
 
 _BLOCK = 256
 THICK = 20.0  # smallest L/L_c at which Beer's law is called valid: OD then falls short by 5 %

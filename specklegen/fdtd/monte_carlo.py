@@ -16,8 +16,8 @@ from specklegen.core.parallel import even_slices, map_blocks
 from specklegen.fdtd.courant import check_courant
 from specklegen.fdtd.incidence import MARGIN, Incidence, Pulse, illuminate
 from specklegen.fdtd.layers import RandomLayer
+from specklegen.fdtd.marching import march
 from specklegen.fdtd.scattered import MeanField
-from specklegen.fdtd.yee import march
 from specklegen.kernels.fdtd import grid_scattering
 
 _CHUNKS = 32

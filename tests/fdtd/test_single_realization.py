@@ -19,7 +19,7 @@ from specklegen.fdtd import (
     transfer_matrix,
 )
 from specklegen.fdtd.currents import mean_polarisation, radiated
-from specklegen.fdtd.single_realization import mean_currents
+from specklegen.fdtd.mean_currents import mean_currents
 
 REFERENCE_K0 = 2 * np.pi / 0.6
 quiet = pytest.mark.filterwarnings("ignore:.*order not valid", "ignore:.*white from cell to cell")

@@ -7,7 +7,7 @@ import pytest
 from refusals import assert_refused
 
 from specklegen.fdtd import Pulse, RandomLayer, illuminate, slab_fresnel, transfer_matrix, yee
-from specklegen.fdtd.yee import march
+from specklegen.fdtd.marching import march
 from specklegen.kernels.fdtd import march_total
 
 
