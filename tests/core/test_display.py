@@ -179,7 +179,7 @@ IN_WORDS = (sg.Plan, sg.Advice, PhotographVerdict, MaterialFit)
 UNPICTURED = {"Edges": "of the geometry, for the tracer", "Mesh": "of the geometry", "Incidence": "of the march",
               "Moments": "of the layer's cells", "SingleDelay": "coefficients of one approximation",
               "Periodogram": "what the likelihood is computed from", "Optics": "a number for each object",
-              "RayPath": "one path of many"}  # fmt: skip
+              "RayPath": "one path of many", "ImpulseResponse": "a few paths; xarray draws them"}  # fmt: skip
 """Results of arrays without a picture, and what they are for."""
 
 

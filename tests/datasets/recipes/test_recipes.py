@@ -297,7 +297,7 @@ def test_command_line():
     assert "albedo = 0.99" in shown.output
     assert "inherits" not in shown.output
     assert json.loads(run(app, ["recipes", "schema", "two-tilts"]).output)["title"] == "TwoTilts"
-    assert_refused(lambda: run(app, ["recipes", "show", "nope"], catch_exceptions=False), "recipe must be one of")
+    assert_refused(lambda: run(app, ["recipes", "show", "nope"], catch_exceptions=False), "recipe must be the name of")
 
 
 def test_shown_recipe_is_the_recipe(tmp_path):
