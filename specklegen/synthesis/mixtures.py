@@ -88,7 +88,6 @@ def half_range(radius: torch.Tensor, share: torch.Tensor, single: torch.Tensor) 
     return half, below.any(-1) & (floor <= 1 - 1e-9)
 
 
-
 def _row(values: list[float], device: torch.device) -> torch.Tensor:
     """Return a few numbers as a tensor, without a copy from the host."""
     place = torch.arange(len(values), device=device)

@@ -28,7 +28,7 @@ from specklegen.synthesis import optics
 if TYPE_CHECKING:
     from specklegen.synthesis.imaging import Box, Imaging
 
-LEFT = 3e-10
+LEFT = 1e-11
 """Mean square over media of what nodes may leave out of the intensity of a bright pixel, whose mean is 1."""
 _CHUNK_BYTES = 2**22  # of the powers and spectra of a few nodes
 

@@ -122,6 +122,28 @@ def test_too_few_nodes_would_be_seen(monkeypatch):
     assert error(imaging.images_by_points(fields, light, few, box), by_all) > 1e-5
 
 
+def test_one_bright_point_is_as_precise(monkeypatch):
+    """The pixel that nodes tell least of, over a faint object: nothing averages what they leave out of it."""
+    imaging, light = sampler(), torch.from_numpy(BRIGHT)[None]
+    fields, box = drawn(imaging, 3), lit_box(light[0])
+
+    def lost():
+        """Relative error of its image."""
+        (nodes,) = of(imaging, light)
+        modes = imaging.modes[0, 0].double()[:, nodes.lit]
+        at = (nodes.pixels[:, None] == nodes.lit).nonzero()[:, 1]
+        second = (modes.T @ modes).square() + 1
+        least = (second - second[:, at] @ nodes.weights).diagonal().argmax()
+        point = 1e-6 * light
+        point.view(-1)[nodes.lit[least]] = 1.0
+        pairs = imaging.images(imaging.spectra(fields), point, box)
+        return error(imaging.images_by_points(fields, point, [nodes], box), pairs)
+
+    assert lost() < 4e-6
+    monkeypatch.setattr(nodes_module, "LEFT", 3e-10)
+    assert lost() > 6e-6
+
+
 def test_few_functions_have_few_nodes():
     """One field for all pixels has one node; pixels that are alike are told by one of them; most is kept to."""
     lit = torch.arange(7)
