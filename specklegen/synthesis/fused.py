@@ -65,7 +65,7 @@ def _differentiated(name: str, operator: Callable[..., Any]) -> Callable[..., An
 
     def run(*arguments: Any) -> Any:
         may_be_tracked = torch.is_grad_enabled() or forward_ad._current_level >= 0  # asked first: samples have neither
-        if not (may_be_tracked and any(map(_tracked, _tensors(arguments)))):
+        if not (may_be_tracked and any(map(tracked, _tensors(arguments)))):
             with torch._C._AutoDispatchBelowAutograd():
                 return operator(*arguments)
         if name in STEPWISE:
@@ -84,7 +84,8 @@ def _tensors(arguments: Any) -> Iterator[torch.Tensor]:
             yield from _tensors(argument)
 
 
-def _tracked(tensor: torch.Tensor) -> bool:
+def tracked(tensor: torch.Tensor) -> bool:
+    """Return whether torch tracks derivatives of a tensor, backward or forward."""
     backward = tensor.requires_grad and torch.is_grad_enabled()
     return backward or (forward_ad._current_level >= 0 and forward_ad.unpack_dual(tensor).tangent is not None)
 

@@ -41,7 +41,7 @@ from specklegen.synthesis.contrast import speckle_contrast, speckle_variance, wi
 from specklegen.synthesis.correlations import Correlations, FilmBatch, LightBatch, Places
 from specklegen.synthesis.exit_grid import disc_power
 from specklegen.synthesis.films import film_root, filmed
-from specklegen.synthesis.modes import Modes, karhunen_loeve, memory, one_by_one, polynomial_bytes
+from specklegen.synthesis.modes import Modes, by_kernels, karhunen_loeve, memory, one_by_one, polynomial_bytes
 from specklegen.synthesis.nodes import Nodes, node_spectrum, nodes_of
 from specklegen.synthesis.sight import Sight, centred, lags_between
 from specklegen.synthesis.streams import Streams
@@ -517,7 +517,7 @@ class ImagedMedia:
         return self.imaging.images(spectra, light, box)
 
     def _looked_at(self, light: torch.Tensor) -> bool:
-        return self.one_by_one and len(self) == 1 and light.device.type == "cpu" and not light.requires_grad
+        return self.one_by_one and len(self) == 1 and all(map(by_kernels, (light, self.imaging.modes, self._held)))
 
     def superposed(self, amplitudes: torch.Tensor, step: float) -> torch.Tensor:
         """See :meth:`Imaging.superposed`."""

@@ -116,8 +116,8 @@ class Modes:
 
     def maps(self, rank: int, real: torch.dtype) -> torch.Tensor:
         """:meth:`values` by tilts and modes, real[M, T, rank, h w]."""
-        tilts, device = self.lattice.tilts, self.columns.device
-        if not one_by_one(device):
+        tilts = self.lattice.tilts
+        if not by_kernels(self.columns):
             return self.values(rank).unflatten(1, (tilts, -1)).mT.contiguous().to(real)
         maps = torch.empty((len(self.columns), tilts, rank, math.prod(self.lattice.shape)), dtype=real)
         points = _basis_by_polynomial(self.lattice.full, self.degree)
@@ -386,6 +386,13 @@ def one_by_one(device: torch.device) -> bool:
     return device.type == "cpu"
 
 
+def by_kernels(tensor: torch.Tensor) -> bool:
+    """Return whether kernels may take a tensor: on the CPU, where no derivative is asked for."""
+    from specklegen.synthesis.fused import tracked
+
+    return one_by_one(tensor.device) and not tensor.requires_grad and not tracked(tensor)
+
+
 def karhunen_loeve(
     correlations: Correlations, lattice: Lattice, tolerance: float, known: torch.Tensor | None = None
 ) -> list[tuple[list[int], Modes]]:
@@ -399,7 +406,7 @@ def karhunen_loeve(
     degree = first_degree(lattice.full)
     require_room(lattice.full, degree)
     known = memory(correlations, lattice) if known is None else known
-    if one_by_one(known.device) and not known.requires_grad:
+    if by_kernels(known):
         made, reach = _factored(known, lattice, degree, tolerance)
     else:
         made, reach = _expanded(coefficients(known, lattice, degree), lattice, degree, tolerance)

@@ -13,7 +13,11 @@ from specklegen.core.errors import RuleError
 from specklegen.datasets.recipes.parts import atlas_batches as atlas
 from specklegen.instrument.camera import Camera
 from specklegen.synthesis import mixtures
+from specklegen.synthesis.correlations import Mixtures
 from specklegen.synthesis.fused import FORMS, STEPWISE
+from specklegen.synthesis.imaging import imagings
+from specklegen.synthesis.sight import Sight
+from specklegen.synthesis.streams import Streams
 
 FLOAT32 = 1e-2, 1e-4
 """Step of the differences and their tolerance, over the derivative's size: values of 2^-24 over the step, 6e-6, some of
@@ -176,3 +180,27 @@ def test_slopes_of_the_memory_effect():
     expected = torch.tensor([-0.313, -0.637, -0.558, -2.84], dtype=torch.float64)
     for slope in (torch.func.grad(c_i)(at), torch.func.jacfwd(c_i)(at), torch.autograd.functional.jacobian(c_i, at)):
         assert torch.allclose(slope, expected, rtol=0.003, atol=0)
+
+
+@pytest.mark.parametrize(("shape", "tilts"), [((5, 6), 1), ((1, 1), 3), ((3, 2), 2)])
+def test_images_have_derivatives_by_the_medium(shape, tilts):
+    """By the radii of its mixture, through modes and fields: backward and forward, against differences."""
+    pitch, light = put(1, low=0.002, high=0.003), put(1, *shape, low=0.1)
+    sight = Sight(0.5, "square", shape, (9, 7), (0.0, 0.0), True, torch.tensor([200.0]).double(), pitch, pitch,
+                  put(1, tilts, 2, low=-0.01, high=0.01))  # fmt: skip
+    streams = Streams(torch.arange(4).reshape(1, 2, 1, 2), torch.zeros(1), torch.arange(2).reshape(1, 2))
+    share, radius = torch.tensor([[0.1, 0.5, 0.4]]).double(), torch.tensor([[0.0, 20.0, 45.0]]).double()
+
+    def images(radius):
+        ((_, imaging),) = imagings(sight, Mixtures(radius, share, mixtures.mixture), tolerance=0.01, precise=True)
+        return imaging.media(streams).images(light)
+
+    direction = torch.tensor([[0.0, 1.0, -0.6]]).double()
+    expected = difference(images, [radius], 0, direction, 1e-4)
+    cotangent = put(len(expected), low=-1.0, seed=3)
+    forward = torch.func.jvp(images, (radius,), (direction,))[1]
+    slope = derivative(images, [radius], 0, direction, cotangent)
+    bound = 1e-8 * float(expected.norm() * cotangent.norm())
+    assert abs(slope - float(cotangent @ expected)) < bound
+    assert abs(float(cotangent @ (forward.flatten() - expected))) < bound
+    assert abs(1.001 * slope - float(cotangent @ expected)) > bound
