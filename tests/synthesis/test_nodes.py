@@ -85,6 +85,20 @@ def test_images_by_nodes_are_those_by_all_bright_pixels(case, bytes_at_once, mon
     assert error(imaging.images_by_points(fields, light, [dimmer, *nodes[1:]], box), pairs) > 1.5e-6
 
 
+@pytest.mark.parametrize(("frames", "draws"), [(1, 1), (1, 3), (4, 1)])
+def test_beams_under_tilts_are_those_by_pairs(frames, draws):
+    """Of one pixel, from the transforms of modes: each tilt, frame and draw its own."""
+    base = GRAIN * np.array([[0.0, 0.0], [6.3, -4.1], [-9.0, 2.2], [1.0, 7.0]])[: 4 if frames == 1 else 1]
+    options = {"object_shape": (1, 1), "base": base, "grid": FarFieldGrid(shape=(64, 72), pitch=0.4 * GRAIN)}
+    imaging, light = sampler(**options), torch.full((1, 1, 1), 0.7)
+    fields = drawn(imaging, 3, frames, draws)
+    found = imaging.images_by_points(fields, light)
+    pairs = imaging.images(imaging.spectra(fields), light)
+    assert found.shape == (1, max(frames, len(base)), 64, 72)
+    assert all(error(*both) < 1.5e-6 for both in zip(found[0], pairs[0], strict=True))
+    assert error(1.001 * found, pairs) > 5e-4
+
+
 def test_what_is_left_out_is_what_the_factor_says(monkeypatch):
     """With few nodes: the mean square over media of what a pixel's intensity lacks, by dense algebra and by draws."""
     monkeypatch.setattr(nodes_module, "LEFT", 3e-2)
