@@ -77,9 +77,10 @@ class MeasuredGrain(NamedTuple):
 
 
 def fit_grain(images: Tensor, extent: int, profile: Profile = "disc", seed: Seed = 0) -> MeasuredGrain:
-    """Grain of each of B camera frames of hidden objects, each over its envelope; 0.2 CPU seconds each of 320 x 320.
+    """Grain of each of B camera frames of hidden objects, each over its envelope.
 
-    Raise a `RuleError` if a half of an image has no room for tiles of twice the extent, or shows no speckle.
+    0.2 CPU seconds each at 320 pixels a side. Raise a `RuleError` if a half of an image has no room for tiles of
+    twice the extent, or shows no speckle.
 
     Parameters
     ----------
