@@ -134,8 +134,9 @@ def _parsed(source: str) -> dict[str, Any]:
     if isinstance(objects, dict):
         members = objects.get("families")
         for each in [objects, *(members if isinstance(members, list) else [])]:
-            if isinstance(each, dict) and isinstance(each.get("path"), str):
-                each["path"] = str(file.parent / Path(each["path"]).expanduser())
+            for name in ("path", "scene") if isinstance(each, dict) else ():
+                if isinstance(each.get(name), str):
+                    each[name] = str(file.parent / Path(each[name]).expanduser())
     return table
 
 

@@ -37,6 +37,8 @@ def pictures(recipe) -> int:
 def test_a_path_in_a_file_is_relative_to_the_file(setup):
     assert pictures(load_recipe(setup / "own.toml")) == 10
     assert pictures(load_recipe(os.path.relpath(setup / "own.toml"))) == 10
+    lit = write(setup / "lit.toml", 'inherits = "through-slab"\n[objects]\ntype = "LitMesh"\nscene = "a.ply"\n')
+    assert recipe_table(lit)["objects"]["scene"] == str(setup / "a.ply")
 
 
 def test_an_heir_keeps_the_paths_of_what_it_inherits(setup):
