@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from specklegen.wavetracing import Geometry
 
 _FINE = 4  # lines of sight along each side of a pixel
+_TURNS = 100  # of a mesh, until a part that is seen is lit
 
 
 class Meshes(FileFamily):
@@ -72,7 +73,8 @@ class LitMesh(DrawnFamily):
         Diameter of the smallest ball about the middle of the mesh's box that holds it, over the frame's shorter side.
     lamp
         Angle between the directions to the camera and to the lamp, which is infinitely far; from 0, the light of
-        `Meshes`, to pi, against the light. Its direction about the line of sight is drawn evenly.
+        `Meshes`, to 5 pi / 6, against the light. Its direction about the line of sight is drawn evenly; where nothing
+        seen is lit, side and light are drawn again.
     """
 
     type: Literal["LitMesh"] = "LitMesh"
@@ -83,16 +85,15 @@ class LitMesh(DrawnFamily):
     @model_validator(mode="after")
     def _check(self) -> Self:
         low, high = ends(self.lamp)
-        if not 0 <= low <= high < np.pi:
-            reject("LitMesh.lamp", "from 0 to below pi (radians)", self.lamp, "From behind nothing seen is lit.")
+        if not 0 <= low <= high <= 5 * np.pi / 6:
+            reject("LitMesh.lamp", "from 0 to 5 pi / 6 (radians)", self.lamp, "From behind, nothing seen is lit.")
         return self
 
     @cached_property
     def _content(self) -> str:
-        path = Path(self.scene).expanduser()
-        if not path.is_file():
+        if not Path(self.scene).expanduser().is_file():
             reject("LitMesh.scene", "an existing file", self.scene, "Check the path.", "objects.scene")
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return _digest(self.scene)
 
     def identity(self, context: dict[str, bool] | None = IDENTITY) -> dict[str, Any]:
         """Fields less the path, and the hash of the file instead."""
@@ -104,10 +105,18 @@ class LitMesh(DrawnFamily):
 
     def picture(self, source: Source, rng: np.random.Generator) -> np.ndarray:  # noqa: ARG002
         """Lit mesh in the middle of the frame, float64[h, w]."""
-        numbers = np.random.default_rng(int(source[0]))
-        turn, angle, about = random_rotation(numbers), drawn(self.lamp, numbers), numbers.uniform(0, 2 * np.pi)
-        lamp = np.array([np.sin(angle) * np.cos(about), np.sin(angle) * np.sin(about), np.cos(angle)])
-        return lambert_view(_loaded(self.scene, self._content), turn, self.shape, self.size, lamp)
+        numbers, scene = np.random.default_rng(int(source[0])), _loaded(self.scene, self._content)
+        view = np.zeros(self.shape)
+        for _ in range(_TURNS):
+            turn, angle, about = random_rotation(numbers), drawn(self.lamp, numbers), numbers.uniform(0, 2 * np.pi)
+            lamp = np.array([np.sin(angle) * np.cos(about), np.sin(angle) * np.sin(about), np.cos(angle)])
+            if (view := lambert_view(scene, turn, self.shape, self.size, lamp)).any():
+                break
+        return view
+
+
+def _digest(path: str) -> str:
+    return hashlib.sha256(Path(path).expanduser().read_bytes()).hexdigest()
 
 
 def random_rotation(rng: np.random.Generator) -> np.ndarray:
@@ -153,10 +162,13 @@ def _scene(meshes: Meshes, source: Source) -> "Geometry":
 
 
 @lru_cache(maxsize=64)
-def _loaded(path: str, digest: str) -> "Geometry":  # noqa: ARG001
+def _loaded(path: str, digest: str) -> "Geometry":
     """Read the mesh of a file of these contents."""
     from specklegen.wavetracing import Geometry, load_mesh
 
+    if _digest(path) != digest:
+        reject("mesh file", "unchanged since it was first read", path,
+               "Restore the file, or generate the data set again in a new folder.")  # fmt: skip
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoubtWarning)  # slivers and duplicates do not matter to who looks
         return Geometry(load_mesh(Path(path).expanduser()))

@@ -73,7 +73,13 @@ def test_one_mesh_in_many_lights(solids, tmp_path):
     assert LitMesh(scene=str(tmp_path / "moved.obj"), shape=(16, 16)).identity() == family.identity()
     assert family.replace(lamp=0.5).identity() != family.identity()
     assert_refused(lambda: LitMesh(scene=str(tmp_path / "none.ply")).identity(), "an existing file")
-    assert_refused(lambda: family.replace(lamp=3.2), "from 0 to below pi")
+    assert_refused(lambda: family.replace(lamp=3.1), "from 0 to 5 pi / 6")
+
+
+def test_views_against_the_light_show_something_lit(solids):
+    """A third of the views of a box are dark here; they are drawn again."""
+    family = LitMesh(scene=str(solids / "2.obj"), shape=(8, 8), lamp=2.5)
+    assert all(family.image(0, "train", n).max() == 1 for n in range(12))
 
 
 def test_sides_are_where_they_are():
@@ -133,6 +139,10 @@ def test_a_mesh_that_changes_is_noticed(solids):
     for n, suffix in enumerate(("ply", "stl", "obj", "off")):
         save(box((1, 1, 1 + n)), solids / f"{n}.{suffix}")
     assert_refused(lambda: family.image(0, "train", 0), "unchanged since")
+    lit = LitMesh(scene=str(solids / "0.ply"), shape=(16, 16))
+    lit.identity()
+    save(box((1, 1, 7)), solids / "0.ply")
+    assert_refused(lambda: lit.image(0, "train", 0), "unchanged since")
 
 
 @pytest.mark.parametrize("table", [{"type": "Meshes", "path": "."}, {"type": "LitMesh", "scene": "0.ply"}])
