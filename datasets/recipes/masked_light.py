@@ -163,7 +163,7 @@ class MaskedLight(Recipe):
         From the mask to the slab, in its medium.
     waist
         Radius of a Gaussian laser whose waist lies on the middle of the mask, where its intensity is e^-2 of that on
-        the axis; by default the light is even.
+        the axis; at least the window's width over ``beams``. By default the light is even.
     beams
         Along each axis, odd: waves of up to (beams - 1) / 2 periods across the window are kept.
     pixels
@@ -189,6 +189,10 @@ class MaskedLight(Recipe):
                    self.light)
         if self.profile != "square":
             reject("Window.profile", '"square", on which a mask is a Fourier series', self.profile)
+        if self.waist is not None and self.waist * self.beams < self.geometry.width:
+            least = f"at least window.width / beams = {self.geometry.width / self.beams:.4g}"
+            reject("MaskedLight.waist", least, self.waist,
+                   "Waves of so few periods make no narrower beam: narrow the window, or take more beams.")
         if not (self.beams - 1) / np.sqrt(2) * self.step < self._k:
             reject("MaskedLight.beams", "few enough that their sines are below 1", self.beams, "Widen the window.")
         return self
