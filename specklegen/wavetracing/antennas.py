@@ -68,7 +68,8 @@ class AntennaTable(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         theta, phi = self.theta, self.phi
-        if theta.ndim != 1 or len(theta) < 2 or (np.diff(theta) <= 0).any() or theta[0] > 0 or theta[-1] < np.pi - 1e-9:
+        ends = theta[[0, -1]] - [0, np.pi] if theta.ndim == 1 and len(theta) > 1 else np.inf
+        if (np.abs(ends) > 1e-9).any() or (np.diff(theta) <= 0).any():
             reject("AntennaTable.theta", "rising from 0 to pi (radians)", theta)
         if phi.ndim != 1 or not len(phi) or (np.diff(phi) <= 0).any() or phi[-1] - phi[0] >= 2 * np.pi:
             reject("AntennaTable.phi", "rising, within less than 2 pi (radians)", phi)

@@ -136,6 +136,7 @@ def picture(
     if reflections or diffractions:
         flux = search.found(raised(geometry, found), threads, normals=found.normals)[1].mean(axis=1)
     else:
+        search.check(found.points)
         away = source.position - found.points
         flux = source.power / (4 * np.pi) * cosines(geometry, found, away, threads) / np.square(away).sum(axis=1)
     matt = np.array([getattr(mesh.material, "albedo", 0.0) for mesh in geometry.meshes])

@@ -124,6 +124,8 @@ def test_refused():
     assert_refused(lambda: impulse_response(paths, [1, 0]), "a function of directions")  # type: ignore[arg-type]
     assert_refused(lambda: impulse_response(paths, lambda ways: ways), "impulse_response emitter")
     values = np.ones((3, 2, 2))
-    for theta, phi, word in (([0, 1, 2], [0, 1], "theta"), ([0, 1, np.pi], [0, 7], "phi")):
+    for theta, phi, word in (
+        ([0, 1, 2], [0, 1], "theta"), ([0, 90, 180], [0, 1], "theta"), ([0, 1, np.pi], [0, 7], "phi")
+    ):  # fmt: skip
         assert_refused(lambda t=theta, p=phi: AntennaTable(theta=t, phi=p, values=values), f"AntennaTable.{word}")
     assert_refused(lambda: AntennaTable(theta=[0, np.pi], phi=[0.0], values=values), "AntennaTable.values")

@@ -106,6 +106,8 @@ def test_counted_rays_agree():
 
 def test_refused():
     plane, floor = ABOVE, Geometry([FLOOR])
+    for n in (0, 1):
+        assert_refused(lambda n=n: picture(floor, PointEmitter([1, 1, 1e-3], 0.01), plane, n, samples=1), "1 / k away")
     assert_refused(lambda: picture(floor, PointEmitter([0, 0, 9], 0.01), plane, samples=0), "picture samples")
     assert_refused(lambda: picture(floor, None, plane), "picture source")  # type: ignore[arg-type]
     assert_refused(lambda: picture(FLOOR, PointEmitter([0, 0, 9], 0.01), plane), "picture geometry")  # type: ignore[arg-type]
