@@ -30,7 +30,7 @@ _SPREAD = 4.0  # rms angles over which light walks without meeting the copy of t
 _PER_LENGTH = 3.0  # points in a correlation length, at least
 _APART = 3.0  # correlation lengths from the lit area to its copy, at least
 _EDGES = 3.0  # sines of the objects, by which edges of the lit area spread light to points and lenses
-_ROWS = 64  # of points, at a time
+_AT_ONCE = 512  # points
 
 
 class Views(Protocol):
@@ -111,8 +111,8 @@ class FarViews:
         return 0.0
 
     def flops(self, points: int) -> float:
-        """Operations of a sum for each view."""
-        return 8.0 * self.directions[..., 0].size * points**2
+        """Operations of a sum for each row of views, and of another for each view."""
+        return _point_flops(self.directions[..., 1], points)
 
     def seen(self, drawn: DrawnScreens, fields: torch.Tensor, depth: float) -> torch.Tensor:
         """Return the far field complex64[T, ...]."""
@@ -185,8 +185,8 @@ class NearPoints:
         return float((self.points[..., 2] - depth).max(initial=0.0))
 
     def flops(self, points: int) -> float:
-        """Operations of a sum for each point, after a transform."""
-        return 15.0 * points**2 * np.log2(points) + 8.0 * self.points[..., 0].size * points**2
+        """Operations of a transform, then those of views."""
+        return 15.0 * points**2 * np.log2(points) + _point_flops(self.points[..., 1], points)
 
     def seen(self, drawn: DrawnScreens, fields: torch.Tensor, depth: float) -> torch.Tensor:
         """Return the field complex64[T, ...]: all waves, carried to the plane of each point."""
@@ -203,17 +203,21 @@ class NearPoints:
         return seen.reshape(len(fields), *self.points.shape[:-1])
 
 
+def _point_flops(y: np.ndarray, points: int) -> float:
+    """Operations of :func:`_at_points`, most of whose time is that of exponentials."""
+    return 8.0 * len(np.unique(y)) * points**2 + 1000.0 * y.size * points
+
+
 def _at_points(values: torch.Tensor, waves: np.ndarray, y: np.ndarray, x: np.ndarray) -> torch.Tensor:
-    """Return sum_nm values[n, m] e^(i (waves_n y + waves_m x)) complex64[T, P] at points, rows of one y together."""
-    rows, which = np.unique(y, return_inverse=True)
-    found = torch.empty((len(values), len(y)), dtype=torch.complex64)
-    order = np.argsort(which, kind="stable")
-    for start in range(0, len(rows), _ROWS):
-        some = order[np.searchsorted(which[order], start) : np.searchsorted(which[order], start + _ROWS)]
-        lines = torch.from_numpy(np.exp(1j * np.outer(rows[start : start + _ROWS], waves)).astype(np.complex64))
-        summed = (lines @ values)[:, which[some] - start]
-        turned = torch.from_numpy(np.exp(1j * np.outer(x[some], waves)).astype(np.complex64))
-        found[:, some] = (summed * turned).sum(-1)
+    """Return sum_nm values[n, m] e^(i (waves_n y + waves_m x)) complex64[T, P] at points, those of a row together."""
+    found, order = torch.empty((len(values), len(y)), dtype=torch.complex64), np.argsort(y, kind="stable")
+    for start in range(0, len(y), _AT_ONCE):
+        some = order[start : start + _AT_ONCE]
+        rows, which = np.unique(y[some], return_inverse=True)
+        lines, turned = (
+            torch.from_numpy(np.exp(1j * np.outer(at, waves)).astype(np.complex64)) for at in (rows, x[some])
+        )
+        found[:, some] = ((lines @ values)[:, which] * turned).sum(-1)
     return found
 
 

@@ -145,8 +145,9 @@ def test_points_see_the_field_of_the_wave_program(stack):
 
 
 def test_single_views_are_those_of_a_grid_of_them():
+    """Of 625, more than are summed at once."""
     light, stack = CoherentObject(OBJECTS, 30.0), STACKS[2]
-    camera = scene(stack, light, views=5, off=2.0).grid
+    camera = scene(stack, light, views=25, off=2.0).grid
     drawn = judged(stack, light, sg.sensors.FarField(camera.directions), 200)[1]
     np.testing.assert_allclose(drawn, judged(stack, light, camera, 200)[1], atol=1e-4 * np.abs(drawn).max())
 
