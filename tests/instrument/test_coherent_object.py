@@ -355,6 +355,14 @@ def test_screens_have_no_paths():
     assert_refused(lambda: sg.plan(seen, sampler="paths"), r"sampler must be .*screens.*have no paths")
 
 
+def test_polarised_light_beside_the_axis_is_left_to_path_sums():
+    """The reason names the camera, and is no other scene's."""
+    camera = sg.sensors.FarField.grid((6, 6), 1e-3, center=(0.01, 0.0))
+    seen = sg.Scene(wavelength=1.0, medium=THIN.replace(polarisation="projector"), sensor=camera, polarisers=CROSSED,
+                    illumination=CoherentObject(LETTER, 20.0))  # fmt: skip
+    assert_refused(lambda: sg.plan(seen, sampler="stationary"), "only before a camera centred on the axis")
+
+
 def test_screens_refuse_for_reasons_of_physics():
     light, glass = CoherentObject(LETTER, 20.0), sg.GroundGlass(angle=0.1)
     back = sg.sensors.FarField.grid((6, 6), 1e-3, side="reflection")

@@ -72,7 +72,10 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
     if scene.polarisers is not None:  # envelopes are those of light that is the same whichever way it is turned
         models = [model for model in models if not model.enveloped]
     if not models:
-        obstacle = obstacle or "serves media of recipes in transmission only"
+        obstacle = obstacle or (
+            "serves media of recipes in transmission only" if scene.side < 0 else
+            "draws polarised light of coherent objects and recipes only before a camera centred on the axis"
+        )  # fmt: skip
         if asked:
             reject("sampler", '"paths" or "auto" for this scene', request.asked, f"The stationary sampler {obstacle}.")
         return None, Decision(_PART, False, obstacle)
