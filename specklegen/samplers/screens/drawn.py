@@ -26,6 +26,7 @@ def drawn_memory(scene: Scene) -> int:
     """Bytes by which the process grows at most."""
     drawn, amplitudes = drawn_scene(scene)
     held = 4 * len(drawn.stack.screens) + 4 * (len(amplitudes) if drawn.moved is None else 2)
+    held += 6 * scene.sensor.near  # phases to the plane of points, in double precision
     images = 16.0 * len(amplitudes) * np.prod(scene.sensor.shape, dtype=float)
     return int(held * drawn.bytes + images + TORCH_BYTES + FIXED_BYTES)
 
