@@ -46,6 +46,14 @@ def test_fields_have_the_spectrum_of_the_law(training):
             error = float((1 / likelihood.frequencies.sum() / COUNT) ** 0.5)
             (refute_z if refuted else assert_z)(mean, 1.0, error)
             refute_z(1.05 * mean, 1.0, error)
+            if not refuted:
+                edge, counted = float(ratio[..., 0].sum()), float(likelihood.used[..., 0].sum())  # a column by itself
+                assert_z(edge / counted, 1.0, error * (float(likelihood.used.sum()) / counted) ** 0.5)
+
+    shares = [*WIDTHS, *WIDTHS, *WIDTHS[1:]]
+    found = law.under(torch.tensor(shares, dtype=torch.float64)).of_lags(lags)
+    for n, share in enumerate(shares):
+        torch.testing.assert_close(found[n], law.tapers[WIDTHS.index(share)].of_lags(lags)[n])
 
 
 def test_envelopes_of_tiles_are_one_envelope(training):
