@@ -69,6 +69,11 @@ def test_one_mesh_in_many_lights(solids, tmp_path):
     shown = [family.image(0, split, n) for split in ("train", "test") for n in range(3)]
     assert all(image.max() == 1 for image in shown)
     assert len({image.tobytes() for image in shown}) == 6
+    rng = np.random.default_rng()
+    front, aside = (
+        sum(family.replace(lamp=angle).picture((n,), rng).sum() for n in range(20)) for angle in (0.0, 1.2)
+    )
+    assert aside < 0.8 * front  # the same sides, less lit
     (tmp_path / "moved.obj").write_bytes((solids / "2.obj").read_bytes())
     assert LitMesh(scene=str(tmp_path / "moved.obj"), shape=(16, 16)).identity() == family.identity()
     assert family.replace(lamp=0.5).identity() != family.identity()
