@@ -129,10 +129,10 @@ def test_noise_mixed_cell_by_cell_is_the_double_sum_of_any_memory_effect(extent)
     size = grid.axes[0].size, grid.axes[1].size
     worst = {"pairs": 0.0, "conjugate": 0.0, "film": 0.0, "still": 0.0}
     for n in range(len(objects)):
-        pair = amplitudes[[0, n]]
+        trio = amplitudes[[1, 0, n]]  # one before both, so that what they share of it counts
         for later, name in ((0.0, "pairs"), (kept, "film")):
             drawn = joint_objects(
-                grid, pair, lambda t, o, x=later: walks.spectrum(grid.period, size, x * (t != o)), 1.0
+                grid, trio, lambda t, o, x=later: walks.spectrum(grid.period, size, x * (t != o)), 1.0
             )
             weights = walks.weights * np.exp(-2 * later * walks.transfer) / walks.weights.sum()
 
@@ -140,21 +140,21 @@ def test_noise_mixed_cell_by_cell_is_the_double_sum_of_any_memory_effect(extent)
                 return np.exp(-1j * K * np.multiply.outer(q[:, 1], ways[:, 0])
                               - 1j * K * np.multiply.outer(q[:, 0], ways[:, 1])) @ weights  # fmt: skip
 
-            shared = (drawn.roots[0] * drawn.roots[1].conj()).sum(0).numpy()
+            shared = (drawn.roots[1] * drawn.roots[2].conj()).sum(0).numpy()
             y, x = ((np.arange(size_) + first) for size_, first in zip(shared.shape, drawn.first, strict=True))
             y, x = (axis.positions[0] + at * axis.size for axis, at in zip(grid.axes, (y, x), strict=True))
             found = np.array([np.exp(-1j * K * dy * y) @ shared @ np.exp(-1j * K * dx * x) for dy, dx in lags])
             norm = np.sqrt(power[0] * power[n])
             found = found / norm
-            alone = by_fields(grid, pair[0], pair[1], lambda q: np.ones_like(q), lags) / norm
+            alone = by_fields(grid, trio[1], trio[2], lambda q: np.ones_like(q), lags) / norm
             worst[name] = max(worst[name], np.abs(found - alone * k(lags)).max())
             worst["conjugate"] = max(worst["conjugate"], np.abs(found - alone * k(lags).conj()).max())
             if later:
                 still = alone * k(lags, walks.weights / walks.weights.sum())
                 worst["still"] = max(worst["still"], np.abs(found - still).max())
-            for t in (0, 1):
+            for t in (0, 1, 2):
                 lit = drawn.roots[t].abs().square().sum().item()
-                assert lit == pytest.approx(power[(0, n)[t]], rel=5e-3)
+                assert lit == pytest.approx(power[(1, 0, n)[t]], rel=5e-3)
     assert worst["pairs"] < 0.01
     assert worst["film"] < 0.01
     assert worst["conjugate"] > 0.05
