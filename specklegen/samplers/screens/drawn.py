@@ -47,9 +47,11 @@ def drawn_decision(scene: Scene, decisions: Sequence[Decision] = ()) -> Decision
             _reject_points(scene, drawn)
         return None
     gaussian = f". As Gaussian speckle ({doubted[0].reason})" if doubted else ""
+    close = scene.sensor.near or scene.sensor.focused  # type: ignore[attr-defined]
+    edges = "; edges of the lit area may add 0.001 of it at points and through lenses" if close else ""
     return Decision(
         "screens", True, f"phases drawn on {drawn.points}x{drawn.points} points, {drawn.spacing:.3g} apart, and light "
-        f"carried from screen to screen; what the grid folds is below {HELD:.0e} of the light{gaussian}",
+        f"carried from screen to screen; what the grid folds is below {HELD:.0e} of the light{edges}{gaussian}",
     )  # fmt: skip
 
 
