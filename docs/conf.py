@@ -50,7 +50,7 @@ html_theme_options = {
 html_context = {"default_mode": "auto"}
 html_favicon = "_static/icon.svg"
 html_show_sourcelink = False
-_ALONE = ("*", "project/readme", "project/changelog", "project/contributing", "project/security")
+_ALONE = ("*", "project/readme", "project/security")
 html_sidebars = {page: [] for page in _ALONE}  # a page without children has nothing to list beside it
 
 myst_enable_extensions = ["colon_fence", "deflist"]
@@ -91,6 +91,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 _OUTSIDE = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "LICENSE")
 """Files of the repository's root that are pages of the site too, in the folder project/."""
+_SECTIONS = {"CHANGELOG.md": "###", "CONTRIBUTING.md": "##"}
+"""Long files, and the marks of the headings whose sections are pages of their own on the site."""
 
 
 PACKAGES = ("", *(f".{name}" for name in SUBJECTS), ".datasets", ".models", ".instrument", ".measured",
@@ -105,8 +107,27 @@ def write_pages(app, config) -> None:
     folder.mkdir()
     for name in _OUTSIDE[:-1]:
         text = (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](../")
-        (folder / name.lower()).write_text(_among_pages(text, ""), encoding="utf-8")
+        for page, content in pages_of(name, _among_pages(text, "")).items():
+            (folder / page).write_text(content, encoding="utf-8")
     (folder / "reference.rst").write_text(reference(), encoding="utf-8")
+
+
+def pages_of(name: str, text: str) -> dict[str, str]:
+    """Return the pages of a file by their names: one, or a list of its sections and a page for each."""
+    if name not in _SECTIONS:
+        return {name.lower(): text}
+    first, above, pages = "", "", {}
+    for part in re.split(r"^(?=#+ )", text, flags=re.MULTILINE)[1:]:
+        heading, _, body = part.partition("\n")
+        mark, title = heading.split(" ", 1)
+        if mark == _SECTIONS[name]:
+            page = re.sub(r"\W+", "-", f"{above} {title}".lower())
+            pages[f"{page}.md"] = f"# {above}: {title}\n{body}"
+            first += f"- [{title}]({page}.md)\n"
+        else:
+            first, above = first + part, title.split()[0]
+    names = "\n".join(page.removesuffix(".md") for page in pages)
+    return {name.lower(): f"{first}\n:::{{toctree}}\n:hidden:\n{names}\n:::\n", **pages}
 
 
 def reference() -> str:

@@ -25,8 +25,8 @@ from scenes import ROOT
 from specklegen import SUBJECTS
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-LONG = re.compile(r"(auto_gallery|generated|notes)/|project/(changelog|contributing|reference)|genindex|py-mod|search")
-"""Pages that may be longer: reference, gallery, and what developers read."""
+LONG = re.compile(r"(auto_gallery|generated|notes)/|project/reference|genindex|py-mod|search")
+"""Pages that may be longer: reference, gallery and notes."""
 QUIET = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
          "--disable-background-networking", "--disable-component-update"]  # fmt: skip
 COMPLAINT = re.compile(r"CONSOLE[^\n]*(?:[Ee]rror|Uncaught|Failed|Refused)[^\n]*")
