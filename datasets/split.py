@@ -54,7 +54,7 @@ class Purpose(IntEnum):
 
 
 def split_number(split: str) -> int:
-    """Number of a split, 0 for train, 1 for validation, 2 for test."""
+    """Number of a split: ``0`` for train, ``1`` for validation, ``2`` for test."""
     if not isinstance(split, str) or split not in SPLITS:
         reject("split", f"one of {', '.join(map(repr, SPLITS))}", split)
     return SPLITS.index(split)

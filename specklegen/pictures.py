@@ -126,7 +126,7 @@ def _scale(axes, shape: tuple[int, ...], pitch: float) -> None:
 
 
 def round_length(most: float) -> float:
-    """Largest of 1, 2 and 5 times a power of ten that is no longer than ``most``."""
+    """Largest of ``{1, 2, 5}`` times a power of ten that is no longer than ``most``."""
     power = 10.0 ** np.floor(np.log10(most))
     return float(f"{max(step for step in (1, 2, 5) if step * power <= most * (1 + 1e-12)) * power:.1g}")
 

@@ -1,4 +1,4 @@
-"""Digits: the 1797 handwritten digits, 8 by 8 pixels, that scikit-learn carries (extra ``digits``).
+"""Digits: the 1797 handwritten digits of 8 pixels a side that scikit-learn carries (extra ``digits``).
 
 Source: Alpaydin and Kaynak, *Optical recognition of handwritten digits*, UCI repository (1998); its
 test part, as scikit-learn ships it.

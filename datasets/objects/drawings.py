@@ -39,7 +39,7 @@ class Strokes(Drawing):
     type: Literal["Strokes"] = "Strokes"
 
     def drawn(self, rng: np.random.Generator) -> np.ndarray:
-        """Strokes 1/20 to 1/7 of the frame wide."""
+        """Strokes ``1/20`` to ``1/7`` of the frame wide."""
         side = min(self.shape)
         pen = rng.uniform(side / 40, side / 14)
         canvas = np.zeros(self.shape)
@@ -95,7 +95,7 @@ class Blobs(Drawing):
     type: Literal["Blobs"] = "Blobs"
 
     def drawn(self, rng: np.random.Generator) -> np.ndarray:
-        """Islands that cover 5 to 40 % of the frame, on scales of 1/16 to 1/5 of it."""
+        """Islands that cover 5 to 40 % of the frame, on scales of ``1/16`` to ``1/5`` of it."""
         rows, columns = (_FINE * n for n in self.shape)
         scale = min(rows, columns) * np.exp(rng.uniform(np.log(1 / 16), np.log(1 / 5)))
         waves = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns))

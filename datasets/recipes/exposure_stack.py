@@ -1,8 +1,8 @@
 """Recipe kind "exposure-stack": speckle of one medium in motion, exposed for several times (laser speckle contrast).
 
 A camera adds up light while the speckle moves; what is left of the contrast says how fast (Fercher and Briers, Opt.
-Commun. 37, 326, 1981), and several exposures tell what moves from what rests (Parthasarathy et al., Opt. Express 16,
-1975, 2008). An exposure is the mean of as many instants, at the midpoints of its parts, as its K^2 needs
+Commun. 37, 326 (1981)), and several exposures tell what moves from what rests (Parthasarathy et al., Opt. Express
+16, 1975 (2008)). An exposure is the mean of as many instants, at the midpoints of its parts, as its K^2 needs
 (:func:`specklegen.theory.speckle_contrast.sub_frames`). Exposures of one medium are so far apart that what moves is
 forgotten in between; what rests is the same in all.
 """

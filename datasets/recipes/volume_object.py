@@ -28,8 +28,9 @@ _AMPLITUDES = 2**22  # of beams and connections, from which a contrast is found
 class EstimatedContrast:
     """The contrast of images of incoherent objects, from the pilot's paths.
 
-    contrast^2 = sum_ij b_i b_j |C_ij|^2 / (sum_i b_i C_ii)^2 with C the covariance of the beams' fields at the camera's
-    middle [Bar19, Eq. 14]. |C_ij|^2 is the product of two estimates from different paths, so that it has no bias.
+    ``contrast^2 = sum_ij b_i b_j |C_ij|^2 / (sum_i b_i C_ii)^2`` with C the covariance of the beams' fields at the
+    camera's middle [Bar19, Eq. 14]. |C_ij|^2 is the product of two estimates from different paths, so that it has no
+    bias.
 
     Attributes
     ----------

@@ -396,7 +396,7 @@ def _kept(profile: Profile, grain: float) -> float:
 
 
 def _brightness(alone: np.ndarray, power: np.ndarray) -> tuple[float, float]:
-    """Contrast^2 and noise^2, at least 0, of greatest likelihood: Fisher's scoring."""
+    """Squared contrast and noise, at least 0, of greatest likelihood: Fisher's scoring."""
     scale = float(power.mean())
     design = np.stack([alone, np.ones_like(alone)], axis=1)
     least = _LEAST * scale

@@ -5,8 +5,8 @@ its object among 32.
 
 Two targets, named in every table: "sharp" is the object itself; "diffraction-limited" is the object as a lens as wide
 as the illuminated window would show it, which is all that speckle of that grain carries. Everything is put on a frame
-of 64 pixels, moved onto the target by all shifts and the flip, and scored on the object's own pixels; brightness is 0
-to 1 (data range 1).
+of 64 pixels, moved onto the target by all shifts and the flip, and scored on the object's own pixels; brightness is in
+``[0, 1]`` (data range 1).
 """
 
 import csv

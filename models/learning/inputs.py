@@ -193,8 +193,8 @@ def registered_input(batch: Mapping[str, Any]) -> Tensor:
     """Features float[B, 2 (T - 1)] of stacks under T equally spaced tilts: how the speckle decorrelates.
 
     The pattern follows the tilt, so each image is moved back by the tilts' difference, to the nearest pixel, before two
-    are correlated where both see it. The mean over all pairs n tilts apart is C_I there: C and log10(1 - C) for
-    n = 1 to T - 1. Images that no longer overlap count as uncorrelated.
+    are correlated where both see it. The mean over all pairs n tilts apart is C_I there: C and ``log10(1 - C)`` for n =
+    1 to ``T - 1``. Images that no longer overlap count as uncorrelated.
     """
     for name in ("stack", "tilts"):
         if name not in batch:

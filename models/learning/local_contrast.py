@@ -31,7 +31,7 @@ def require_maps(batch: Mapping[str, Any]) -> None:
 
 
 def local_contrast_input(batch: Mapping[str, Any]) -> Tensor:
-    """Maps float[B, C, H/BLOCK, W/BLOCK] of stacks of E exposures, C = 3 E + E (E - 1) / 2.
+    """Maps float[B, C, H/BLOCK, W/BLOCK] of stacks of E exposures, ``C = 3 E + E (E - 1) / 2``.
 
     Of each exposure means over blocks of the fluctuation i = I / <I> - 1, of i^2, and of log(I / <I>); then of the
     products of each two.

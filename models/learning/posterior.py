@@ -203,8 +203,8 @@ def drawn(
 def explained(pictures: Tensor, measured: Measured, noise: Tensor) -> Tensor:
     """Move pictures float[B, K, n, n] to where the exact likelihood wants them, as far as the net's estimate is open.
 
-    A few steps of Adam on nats plus |x - estimate|^2 / (2 r^2), r that share of the noise that is left, float[B, K, 1,
-    1]: the decoupled step of annealed posterior sampling (Zhang et al., CVPR 2025), its Langevin walk left out.
+    A few steps of Adam on nats plus ``|x - estimate|^2 / (2 r^2)``, r that share of the noise that is left, float[B, K,
+    1, 1]: the decoupled step of annealed posterior sampling (Zhang et al., CVPR 2025), its Langevin walk left out.
     """
     looks, count = measured.likelihood.looks, measured.likelihood.frequencies.to(pictures)[:, None]
     reach = (_REACH * noise).clamp_min(_CLOSE)

@@ -8,7 +8,7 @@ which shifts and turns go together, and a few steps of alternating least squares
 
     S = sum_n X_n O_n* / sum_n |O_n|^2,        O_n <- what X_n S* / |S|^2 says where S passes, at least 0
 
-as in multi-frame blind deconvolution (Schulz, J. Opt. Soc. Am. A 10, 1064, 1993). Steps are few on purpose: what the
+as in multi-frame blind deconvolution (Schulz, J. Opt. Soc. Am. A 10, 1064 (1993)). Steps are few on purpose: what the
 camera's edges cut off, and what C_I falls by across an object, is noise that more of them would fit.
 """
 

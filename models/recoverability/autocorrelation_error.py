@@ -1,7 +1,8 @@
 """Error of the autocorrelation that a camera measures, before any retrieval: from the scene alone, nothing fitted.
 
 The autocorrelation of one image comes from a camera of N x N pixels; only the lags under a window g are kept. Its
-transform at frequency f averages N^2 / sum g^2 independent cells of a periodogram, whose relative spread is 1 each, so
+transform at frequency f averages ``N^2 / sum g^2`` independent cells of a periodogram, whose relative spread is 1 each,
+so
 
     rms error of the power  =  S(f) sqrt(sum_l g(l)^2 / (F N^2)),       S = speckle + camera noise
 

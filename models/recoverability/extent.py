@@ -10,13 +10,13 @@ autocovariance of which the lags beyond a distance R are set to 0 has a mean squ
 
     sum over |l| > R of signal^2  +  sum over |l| < R of scatter^2,
 
-where signal^2 is C^2 less scatter^2: the R of the smallest error is where sum (C^2 - 2 scatter^2) over |l| < R is
-largest (Stein, *Ann. Stat.* 9, 1135 (1981)). A distance far off that rises by chance has to pay for all those before
-it, and no grain needs to be known, so that blur does not matter.
+where ``signal^2`` is ``C^2`` less ``scatter^2``: the R of the smallest error is where ``sum (C^2 - 2 scatter^2)`` over
+``|l| < R`` is largest (Stein, *Ann. Stat.* 9, 1135 (1981)). A distance far off that rises by chance has to pay for all
+those before it, and no grain needs to be known, so that blur does not matter.
 
 An autocovariance falls to 0 as the object's overlap with itself does, so its last lags lie below their scatter. For an
-overlap that falls as (1 - l / D)^2, that of a square along its diagonal, a peak of p scatters reaches 1 scatter at
-l = D (1 - 1 / sqrt(p)).
+overlap that falls as ``(1 - l / D)^2``, that of a square along its diagonal, a peak of p scatters reaches 1 scatter at
+``l = D (1 - 1 / sqrt(p))``.
 
 That R is the distance up to which lags are worth keeping. Of many points each pair is fainter than its lag's scatter,
 and not worth it; but hundreds of such lags have a mean square that is surely above the scatter's. So the farthest

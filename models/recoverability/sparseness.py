@@ -1,14 +1,14 @@
 """Sparseness of the frequency bands of a camera frame, which separates pictures from speckle without a setup.
 
-A band of frequencies of speckle, whatever the object, is y = sum_i a_i |z_i|^2 of Gaussian z_i with weights of sum 0.
-Its excess kurtosis 6 sum a^4 / (sum a^2)^2 is at most 6, and falls as points or grains are added that take part in it:
-of Gaussian noise it is 0. Of the speckle of one point, simulated, it is 8 times centre times grain, and 3.4 from about
-half a cycle a grain on; of several alike points a share of that, a quarter of the squared skewness.
+A band of frequencies of speckle, whatever the object, is ``y = sum_i a_i |z_i|^2`` of Gaussian z_i with weights of sum
+0. Its excess kurtosis ``6 sum a^4 / (sum a^2)^2`` is at most 6, and falls as points or grains are added that take part
+in it: of Gaussian noise it is 0. Of the speckle of one point, simulated, it is 8 times centre times grain, and 3.4 from
+about half a cycle a grain on; of several alike points a share of that, a quarter of the squared skewness.
 
-Pictures are edges between even places: their bands are 0 nearly everywhere and large along a few lines, with an excess
-of 5 to 100 (Field, *J. Opt. Soc. Am. A* 4, 2379 (1987); Mallat, *IEEE Trans. Pattern Anal. Mach. Intell.* 11, 674
-(1989)). No object has to be found, and light that only adds, or lowers contrast, changes no excess. Noise that was
-blurred is as Gaussian as speckle of many points: this does not decide it.
+Pictures are edges between even places: their bands are dark nearly everywhere and bright along a few lines, with an
+excess of 5 to 100 (Field, *J. Opt. Soc. Am. A* 4, 2379 (1987); Mallat, *IEEE Trans. Pattern Anal. Mach. Intell.*
+11, 674 (1989)). No object has to be found, and light that only adds, or lowers contrast, changes no excess. Noise that
+was blurred is as Gaussian as speckle of many points: this does not decide it.
 
 Bands are octaves of log-Gaussian profile (Field), of pixels, since the grain that is read off a picture means nothing.
 Those that hold few independent numbers, or hardly any power of their own octave, are left out. Camera noise stays in:

@@ -1,10 +1,11 @@
 """Test that images are speckle of a setup at all: what a periodogram, and with it the likelihood, never looks at.
 
-The intensity behind an object that shines incoherently is a sum of squares of Gaussian fields; I = sum_i w_i |z_i|^2
-with w_i > 0 of sum 1 (Goodman, *Speckle Phenomena in Optics*, 2007, sections 3.3 and 4.7). Four numbers are looked at:
+The intensity behind an object that shines incoherently is a sum of squares of Gaussian fields;
+``I = sum_i w_i |z_i|^2`` with ``w_i > 0`` of sum 1 (Goodman, *Speckle Phenomena in Optics*, section 4.7). Four numbers
+are looked at:
 
 - *contrast*: c^2 = sum_i w_i^2, which a reconstruction predicts from its own spectrum; the likelihood fits brightness.
-- *law of intensities*: the skewness is 2 sum w^3 / c^3, and by Cauchy and Schwarz sum w^3 sum w >= (sum w^2)^2;
+- *law of intensities*: the skewness is ``2 sum w^3 / c^3``, and by Cauchy and Schwarz ``sum w^3 sum w >= (sum w^2)^2``;
   so it is **at least 2 c** whatever the object, the slab, the window, and whatever weights >= 0 the image is averaged
   with. Of a Gaussian texture it is 0, of camera frames anything.
 - *bispectrum*: that of speckle of one point has no phase and is positive, that of the image is it times
@@ -195,7 +196,7 @@ def speckle_test(
 def smoothed_moments(frames: Tensor, grain: float, noise: float) -> tuple[float, float]:
     """Variance (at least 1e-12) without camera noise, and skewness, of frames real[F, H, W] over their mean.
 
-    A mean with weights at least 0 leaves speckle above its bound, and of white noise 1 / (4 pi sigma^2).
+    A mean with weights at least 0 leaves speckle above its bound, and of white noise ``1 / (4 pi sigma^2)``.
     """
     sigma = _SMOOTHED * grain
     light = frames.double() / frames.double().mean((-2, -1), keepdim=True)

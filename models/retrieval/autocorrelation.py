@@ -32,7 +32,7 @@ FLOOR = 0.1
 
 
 def lags(window: int) -> np.ndarray:
-    """Lags of one axis in pixels, int64[n]: 0, 1, ..., n/2 - 1, -n/2, ..., -1."""
+    """Lags of one axis in pixels, int64[n]: ``0, 1, ..., n/2 - 1, -n/2, ..., -1``."""
     return np.fft.fftfreq(window, 1 / window).round().astype(np.int64)
 
 
@@ -42,7 +42,7 @@ def distances(window: int) -> np.ndarray:
 
 
 def ring(window: int) -> tuple[int, int]:
-    """Lags between which the background is taken, outside the window: n/2 + 1 to 5n/8 along either axis."""
+    """Lags between which the background is taken, outside the window: ``n/2 + 1`` to ``5n/8`` along either axis."""
     return window // 2 + 1, window * 5 // 8
 
 

@@ -3,14 +3,15 @@
 Speckle through a window of width W has no frequency above W / wavelength, one cycle a grain (Goodman, *Introduction to
 Fourier Optics*, 2005, section 6.3). Photon and read noise are white. So the mean power of the frequencies above is the
 noise's, whatever the gain of the camera, its photons and its background. Images are weighted by a Hann window first,
-whose transform falls off so fast (Harris, *Proc. IEEE* 66, 51, 1978) that no light leaks there.
+whose transform falls off so fast (Harris, *Proc. IEEE* 66, 51 (1978)) that no light leaks there.
 
 The band is as round as the window. A square one fills all frequencies from two pixels a grain down; a disc leaves the
 corners of their square to noise until grains are smaller than the root of two.
 
-A Gaussian window has no such edge: of the power at f = 0 it passes exp(-4 (f grain)^2), 0.009 at 1.08 cycles a grain.
-It leaves to noise the frequencies beyond 1.9 cycles a grain, in all directions: the corners of the spectrum from 2.8
-pixels a grain on. Where nobody says which window it was, power that falls off towards the corners tells.
+A Gaussian window has no such edge: of the power at f = 0 it passes ``exp(-4 (f grain)^2)``, next to nothing at 1.08
+cycles a grain. It leaves to noise the frequencies beyond 1.9 cycles a grain, in all directions: the corners of the
+spectrum from 2.8 pixels a grain on. Where nobody says which window it was, power that falls off towards the corners
+tells.
 """
 
 import math
@@ -50,8 +51,8 @@ def camera_noise(
 ) -> Tensor:
     """Variance that camera noise adds to a pixel, over the squared mean of the image; float[...].
 
-    Its relative standard error is about sqrt(2 / frequencies), a hundredth for 128 x 128 pixels and 3 pixels a grain.
-    Raise a `RuleError` if noise can be neither read nor is stated.
+    Its relative standard error is about ``sqrt(2 / frequencies)``, a hundredth for 128 pixels a side and 3 pixels a
+    grain. Raise a `RuleError` if noise can be neither read nor is stated.
 
     Parameters
     ----------

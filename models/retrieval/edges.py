@@ -1,14 +1,14 @@
 """Taper of a camera's edges: it keeps light that is not even out of periodograms and autocorrelations.
 
-A camera cuts off what it sees. Light that falls off ends there in a jump, whose transform falls off as 1 / f along
-both axes and exceeds speckle at all frequencies. Under a taper h it ends at 0. h rises along a cosine from either edge
-(Tukey; Harris, *Proc. IEEE* 66, 51, 1978), over a share a of the side in all, and has the mean square 1:
+A camera cuts off what it sees. Light that falls off ends there in a jump, whose transform falls off as 1 / f along both
+axes and exceeds speckle at all frequencies. Under a taper h it ends at 0. h rises along a cosine from either edge
+(Tukey; Harris, *Proc. IEEE* 66, 51 (1978)), over a share a of the side in all, and has the mean square 1:
 
     I(f) = |sum_l h(l) x(l) e^(-2 pi i f l)|^2 / M,   <I(f)> = sum_l w(l) K(l) e^(-2 pi i f l),   w = h (*) h / M
 
 This is the law of :mod:`~specklegen.models.likelihood.spectrum` with w for a triangle and |H|^2 / M for Fejer's kernel.
-Neighbouring frequencies are correlated by r, the transform of h^2 over M, so that one counts as 1 / <h^4>. Half a side
-costs 45 % of them; so even light has none (:func:`taper_of`).
+Neighbouring frequencies are correlated by r, the transform of h^2 over M, so that one counts as ``1 / <h^4>``. Half a
+side costs 45 % of them; so even light has none (:func:`taper_of`).
 """
 
 from functools import lru_cache

@@ -6,8 +6,8 @@ spectrum of an object comes out below 0 somewhere. Taken here is a mixture
 
     C_I(d) = w_0 + sum_k w_k exp(-d^2 / (2 s_k^2)),     w >= 0 of sum 1
 
-which falls with the distance, is 1 at 0, and positive definite in every dimension, as by Schoenberg (*Ann. Math.* 39,
-811 (1938)) only such mixtures are. The weights are fitted by non-negative least squares.
+which falls with the distance, is 1 at 0, and positive definite in every dimension, as by Schoenberg (*Ann. Math.*
+39, 811 (1938)) only such mixtures are. The weights are fitted by non-negative least squares.
 """
 
 from collections.abc import Sequence

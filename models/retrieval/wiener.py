@@ -1,8 +1,8 @@
 """Wiener's division of an autocorrelation by the memory effect: as much of it as noise allows.
 
-Behind a slab the lag l of an image has the value P(l) = C(l) R(l) + n(l); R is that of the object, C the memory
-effect, and noise n of the variance s^2 = sum_l P^2 / pixels (Bartlett, J. Royal Stat. Soc. Suppl. 8, 27, 1946). The
-estimate of R with the least mean square error is (Wiener 1949)
+Behind a slab the lag l of an image has the value ``P(l) = C(l) R(l) + n(l)``; R is that of the object, C the memory
+effect, and noise n of the variance ``s^2 = sum_l P^2 / pixels`` (Bartlett, J. Royal Stat. Soc. Suppl. 8, 27 (1946)).
+The estimate of R with the least mean square error is (Wiener 1949)
 
     R'(l) = w(l) P(l),      w = C R^2 / (C^2 R^2 + s^2)
 
@@ -10,8 +10,8 @@ where R^2 has to be known beforehand. Two guesses serve: *dense*, R falls from i
 1.25 sides of the object; *empirical*, what the lags themselves show above noise, which suits few bright points. A plain
 division by C, cut off below a floor, multiplies the longest lags, which hold noise only, by up to ten.
 
-The same formula tells what to expect of any weights, sum_l (w C - 1)^2 R^2 + w^2 s^2, and so whether to divide at all
-(:func:`expected_residual`).
+The same formula tells what to expect of any weights, ``sum_l (w C - 1)^2 R^2 + w^2 s^2``, and so whether to divide at
+all (:func:`expected_residual`).
 """
 
 from typing import Literal, get_args
@@ -96,11 +96,11 @@ _VISIBLE = 0.3  # C_I below which a lag says little of R
 def choice(lags: Tensor, memory_effect: Tensor, variance: Tensor, *, side: float, grain: Tensor) -> list[Division]:
     """Return whether to divide, and by which guess, for each image; arguments as for :func:`weights`.
 
-    The expected residual of weights of 1 has two parts: the bend, sum_l (1 - C)^2 R^2, which division removes, and the
-    noise, sum_l s^2, which division adds to. Both are summed over lags as far as they show an object, which is where a
-    division acts. An object is sparse if those lags hold far more power than a dense object's would that is as bright
-    beside the grain's peak. Of few points, whose pairs fill few of the lags, the empirical guess keeps the pairs;
-    of many it would lose the weaker ones, and lags are divided down to C = 0.1.
+    The expected residual of weights of 1 has two parts: the bend, ``sum_l (1 - C)^2 R^2``, which division removes, and
+    the noise, ``sum_l s^2``, which division adds to. Both are summed over lags as far as they show an object, which is
+    where a division acts. An object is sparse if those lags hold far more power than a dense object's would that is as
+    bright beside the grain's peak. Of few points, whose pairs fill few of the lags, the empirical guess keeps the
+    pairs; of many it would lose the weaker ones, and lags are divided down to C = 0.1.
     """
     c, noise = memory_effect.to(lags).expand_as(lags), variance.to(lags)[:, None, None]
     length = torch.from_numpy(distances(lags.shape[-1])).to(lags)

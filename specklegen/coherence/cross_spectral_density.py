@@ -334,7 +334,7 @@ def sample_fields(
 
 
 def _copula_angles(W0: np.ndarray, turns: float) -> np.ndarray:
-    """Angles beta with |mu| = exp{-(2 pi m)^2 [1 - cos(beta_i - beta_j)]}, from neighbouring points."""
+    """Angles beta with ``|mu| = exp{-(2 pi m)^2 [1 - cos(beta_i - beta_j)]}``, from neighbouring points."""
     if not turns >= 0.3:
         remedy = "Phases of smaller spread give fields with a mean."
         reject("sample_fields phase_turns", "at least 0.3", turns, remedy)

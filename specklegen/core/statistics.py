@@ -76,7 +76,7 @@ def jackknife(batches: np.ndarray, function: Callable[[np.ndarray], np.ndarray])
 
 
 def effective_count(deviations: np.ndarray) -> np.ndarray:
-    """Number of independent values that carry their variance, (sum |d|^2)^2 / sum |d|^4 along the first axis.
+    """Number of independent values that carry their variance, ``(sum |d|^2)^2 / sum |d|^4`` along the first axis.
 
     The variance of n values is known to one over its root; n/3 of normal ones, n of two that are as likely. Infinite
     where nothing varies.
@@ -100,11 +100,11 @@ def rarity(deviations: np.ndarray) -> np.ndarray:
 def tail_factor(deviations: np.ndarray) -> np.ndarray:
     """Factor of standard errors from n deviations, so that 1.96 of them cover 95 %.
 
-    Of 64 normal ones it is 1.02 to 1.1, at most 3.5 where one holds nearly all. Rare paths of great weight are missed
-    by most samples, which show too little variance, though not on average: 1.5 standard errors of the variance are
-    added to it (by one the median of what is stated would be about right, but samples that are low state less than
-    others). What is left of the doubt is Student's: the variance is known as that of nu + 1 normal deviations is, with
-    2 / nu its relative variance. Measured in docs/trust.md.
+    It is little above 1 for normal ones. It is at most 3.5, where one of 64 holds nearly all. Rare paths of great
+    weight are missed by most samples, which show too little variance, though not on average: 1.5 standard errors of the
+    variance are added to it (by one the median of what is stated would be about right, but samples that are low state
+    less than others). What is left of the doubt is Student's: the variance is known as that of nu + 1 normal deviations
+    is, with ``2 / nu`` its relative variance. Measured in docs/trust.md.
     """
     n, share = len(deviations), 1 / effective_count(deviations)
     return doubt_factor(share - 3 / max(n, 1), share - 1 / max(n, 1), n)

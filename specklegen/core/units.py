@@ -1,4 +1,4 @@
-"""Quantities as people write them, "5 mm", "0.8 deg" or "200 um/s", and the dimension of a number.
+"""Quantities as people write them, ``"5 mm"``, ``"0.8 deg"`` or ``"200 um/s"``, and the dimension of a number.
 
 A field says its dimension in its annotation, and nothing else says it: ``thickness: Annotated[Positive, LENGTH]``.
 What follows from it for the texts and numbers of a table or a call: :mod:`specklegen.core.quantities`.
@@ -136,7 +136,7 @@ _UNITS: dict[str, tuple[float, int, int, int]] = (
 
 
 def quantity(text: str) -> Quantity | None:
-    """Read a number with a unit, such as "5 mm", "200 um/s" or "1/mm"; None where a text is none."""
+    """Read a number with a unit, such as ``"5 mm"``, ``"200 um/s"`` or ``"1/mm"``; None where a text is none."""
     match = _NUMBER.fullmatch(text)
     if match is None or not match[2]:
         return None

@@ -66,7 +66,7 @@ def row(*parts: str) -> str:
 
 
 def ticks(last: float) -> np.ndarray:
-    """Round numbers from 0 to a positive one, 1, 2 or 5 of a power of ten apart: three to six of them."""
+    """Three to six round numbers from 0 to a positive one: steps are ``{1, 2, 5}`` times a power of ten."""
     power = 10 ** np.floor(np.log10(last))
     step = next(step * power for step in (0.2, 0.5, 1.0, 2.0) if last < 6 * step * power)
     return step * np.arange(last // step + 1)
@@ -84,7 +84,7 @@ def forgetting_svg(curve: Moved, lag: float) -> str:
 
 
 def _svg(x: np.ndarray, y: np.ndarray, said: tuple[str, str], dashed: float, band: float | None = None) -> str:
-    """A curve from 0 to 1 over x from 0 as SVG: what it is and its axis, a line at an x within, a band from 0."""
+    """A curve of values up to 1 as SVG: its name and axis, a line at an x, and a band that begins at 0."""
     width, height, left, bottom = 320.0, 200.0, 36.0, 34.0
     last = float(x[-1])
 

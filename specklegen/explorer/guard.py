@@ -2,7 +2,8 @@
 
 Any page that you look at may send requests to this machine too. Two headers tell which page asks, and no script can
 write them: ``Host`` is the name under which the server was asked for (a foreign name that was made to point here, DNS
-rebinding, stays in it), ``Origin`` the page that asks (websockets know no other fence). RFC 9110 7.2, RFC 6454 7.
+rebinding, stays in it), ``Origin`` the page that asks (websockets know no other fence). Sources: RFC 9110, section 7.2;
+RFC 6454, section 7.
 """
 
 import re

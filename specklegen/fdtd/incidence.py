@@ -8,8 +8,8 @@ grid a plane wave of frequency omega (radians a step) advances by theta a cell,
 and a soft source f that adds 2 S f to one cell emits f/cos(theta/2) half a step later. Sample n of a record
 is the field after step n.
 
-The ends of the grid are first-order Mur boundaries, e_0^{n+1} = e_1^n + c (e_1^{n+1} - e_0^n), which let one
-frequency out exactly, c = sin((omega - theta)/2)/sin((omega + theta)/2). The textbook's (S - 1)/(S + 1) is
+The ends of the grid are first-order Mur boundaries, ``e_0^{n+1} = e_1^n + c (e_1^{n+1} - e_0^n)``, which let one
+frequency out exactly, ``c = sin((omega - theta)/2)/sin((omega + theta)/2)``. The textbook's ``(S - 1)/(S + 1)`` is
 frequency 0; here it is the root mean square frequency of the pulse, which leaves an eighth of the echo.
 """
 

@@ -1,8 +1,8 @@
 """Random layers with exponentially correlated index, and the moments of their permittivity.
 
-The index is n(x) = n_b + sigma_n g(x), g a stationary Gaussian process with <g g'> = exp(-|x - x'|/L_c):
-on a grid exactly the autoregression AR(1). What scatters is kappa = (n/n_b)^2 - 1 = a g + b g^2, with
-a = 2 sigma_n/n_b and b = sigma_n^2/n_b^2, hence
+The index is n(x) = n_b + sigma_n g(x), g a stationary Gaussian process with <g g'> = exp(-|x - x'|/L_c): on a grid
+exactly the autoregression AR(1). The scattering potential is ``kappa = (n/n_b)^2 - 1 = a g + b g^2``, with
+``a = 2 sigma_n/n_b`` and ``b = sigma_n^2/n_b^2``, hence
 
     <kappa> = b,        <kappa kappa'> = a^2 rho + b^2 (1 + 2 rho^2),        rho = exp(-|x - x'|/L_c).
 

@@ -1,8 +1,8 @@
 """Exact frequency-domain solution of the Yee grid.
 
-Each E node obeys e_{k-1} + e_{k+1} = (2 - 4 sin^2(theta/2)(1 + kappa_k)) e_k, which is solved backwards
-from an outgoing wave at the far side; no approximation beyond the grid itself. It is the cheap brute
-force: one pass over the cells gives every frequency of a pulse.
+Each E node obeys ``e_{k-1} + e_{k+1} = (2 - 4 sin^2(theta/2)(1 + kappa_k)) e_k``, which is solved backwards from an
+outgoing wave at the far side; no approximation beyond the grid itself. It is the cheap brute force: one pass over the
+cells gives every frequency of a pulse.
 """
 
 import numpy as np

@@ -4,11 +4,10 @@ The index fluctuation along the layer gives a transmitted wave the phase k0 int 
 
     V = k0^2 sigma_n^2 dx^2 sum_mk rho_mk    (= 2 k0^2 sigma_n^2 [L_c L - L_c^2 (1 - e^{-L/L_c})], L_c >> dx)
 
-Forward, the mean is e^{-V/2} and second order keeps 1 - V/2: the relative error of the scattered field is
-the next term over the one before, V/4. Back, an echo from depth x loses e^{-2 V(x)} on its way in and out,
-which second order leaves out altogether; over the layer the error of the mean is close to 3 V (measured,
-within a factor of 2.1, for the reference layer and pulse, V from 0.001 to 0.9). So the back direction
-fails at a twelfth of the phase variance.
+Forward, the mean is ``e^{-V/2}`` and second order keeps ``1 - V/2``: the relative error of the scattered field is the
+next term over the one before, V/4. Back, an echo from depth x loses e^{-2 V(x)} on its way in and out, which second
+order leaves out altogether; over the layer the error of the mean is close to ``3 V`` (measured, within a factor of 2.1,
+for the reference layer and pulse and any V below 0.9). So the back direction fails at a twelfth of the phase variance.
 
 A pulse is judged by V at the root mean square wave number of its scattered field of second order, k^4
 times its own power spectrum: a pulse without carrier is then rightly judged by its low frequencies.

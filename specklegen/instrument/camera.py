@@ -6,10 +6,10 @@ One exposure, in photoelectrons ("electrons") a pixel, I the intensity averaged 
     signal  = min(charge, full_well) + Normal(0, read_noise)
     counts  = signal / gain + offset, rounded and held within 0 ... 2**bit_depth - 1
 
-Below saturation a flat field of mean charge m therefore has mean m / gain + offset counts and variance
-m / gain**2 + (read_noise / gain)**2 + 1/12: the photon transfer curve, whose slope is 1 / gain. (1/12 is
-the rounding's, where the noise before it is wider than about half a count.)
-Source: Janesick, *Photon Transfer* (SPIE Press, 2007), chapters 2 and 5; EMVA Standard 1288, section 2.
+Below saturation a flat field of mean charge m therefore has mean ``m / gain + offset`` counts and variance
+``m / gain**2 + (read_noise / gain)**2 + 1/12``: the photon transfer curve, whose slope is ``1 / gain``. (1/12 is the
+rounding's, where the noise before it is wider than about half a count.) Source: Janesick, *Photon Transfer* (2007),
+chapter 5; EMVA Standard 1288, section 2.
 
 Every number is a quantile: of the law that the pixel's mean says, at a uniform number that is a pure function of
 (noise, pixel), two pixels from one block of Philox. Each noise has a substream of its own, so that switching one on or
@@ -260,8 +260,9 @@ def exposed(camera: Camera, image: np.ndarray, keys: Sequence[tuple[int, int]]) 
 def counted(electronics: Sequence[float], light: Any, drawn: Callable[..., Any], noise_map: Any = None) -> Any:
     """Return counts of mean detected photons float64[...], at least 0: an array of NumPy, or a tensor on any device.
 
-    ``drawn(noise, mean)`` makes one Poisson number a pixel, of the noise 0 (shot), 1 (background) or 2 (dark current);
-    ``drawn(3)`` makes normal numbers of variance 1 (reading out). ``noise_map`` is a read noise that is not one number.
+    ``drawn(noise, mean)`` makes one Poisson number a pixel, of the noise ``0`` (shot), ``1`` (background) or ``2``
+    (dark current); ``drawn(3)`` makes normal numbers of variance 1 (reading out). ``noise_map`` is a read noise that is
+    not one number.
     """
     background, dark, full_well, read_noise, gain, offset, largest = electronics
     charge = drawn(0, light)

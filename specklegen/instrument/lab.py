@@ -20,9 +20,9 @@ shifted pattern of its centre; k_0 = 2 pi / lambda_0, s = (v / u) x_o, h half th
     phi_3 = k_0 (D/2)**3 / 2  (x_o / u) |1 / u**2 - 1 / v**2|           coma
     phi_4 = k_0 (D/2)**2 3/4  ( x_o**2 / u**3 + s (2 h - s) / v**3 )    defocus over the field
 
-(expansion of both distances to fourth order; behind a lens the terms in v vanish from phi_3 and phi_4).
-Each must be at most 0.3 rad, which keeps the intensity correlation of the two patterns above 0.87. Where
-the image of the object fills the camera (h = s), phi_4 is 3/4 k_0 x_o**2 (D/2)**2 (1/u**3 + 1/(u**2 v)).
+(expansion of both distances to fourth order; behind a lens the terms in v vanish from phi_3 and phi_4). Each must be at
+most 0.3 rad, which keeps the intensity correlation of the two patterns above 0.87. Where the image of the object fills
+the camera (h = s), phi_4 is ``3/4 k_0 x_o**2 (D/2)**2 (1/u**3 + 1/(u**2 v))``.
 """
 
 from __future__ import annotations

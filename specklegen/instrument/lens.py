@@ -93,7 +93,7 @@ class Lens:
 
     @cached_property
     def grain_area(self) -> float:
-        """Area of a point's image in focus, (int |h|^2)^2 / int |h|^4: lambda^2 / (pi NA^2) and more."""
+        """Area of a point's image in focus, ``(int |h|^2)^2 / int |h|^4``: ``lambda^2 / (pi NA^2)`` and more."""
         power = np.square(np.abs(self.pupil)).sum()
         side = 2 * self.grid.shape[0]
         spread = np.square(np.abs(np.fft.fft2(self.pupil, (side, side))))

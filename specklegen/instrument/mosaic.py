@@ -3,9 +3,9 @@
     I(alpha) = ((1 + 1/e) S0 + (1 - 1/e) (S1 cos 2 alpha + S2 sin 2 alpha)) / 2
 
 behind a polariser at an angle alpha from x that passes 1 of light along it and 1/e of light across it. A pixel has one
-of the four angles; what it would see behind the others is interpolated between its neighbours.
-Source: Goldstein, *Polarized Light* (3rd ed., 2011), section 5.3; Tyo, LaCharite and Ratliff, Optics Letters 34, 3187
-(2009), on what interpolation leaves out: detail finer than two pixels.
+of the four angles; what it would see behind the others is interpolated between its neighbours. Source: Goldstein,
+*Polarized Light* (2011), section 5.3; Tyo, LaCharite and Ratliff, Optics Letters 34, 3187 (2009), on what interpolation
+leaves out: detail finer than two pixels.
 """
 
 from __future__ import annotations

@@ -7,11 +7,10 @@ second scaled to the first's mean by s (the lamp may drift), over the *whole* fr
 
 m the mean of a above the offset; dark frames give the offset, and f once more. A line through all levels, each weighted
 by its error, which the line and the pattern's second moment say: of N pixels the variance of the left side is
-<2 sigma^4 + m / (2 gain^3)> / N; sigma^2 = m / gain + f of each pixel (squares of the differences themselves would
-weigh a level by its noise). Not by bins of a pixel's own mean, and not with bright pixels left out of a frame: both
-choose pixels by their noise, and regress to the mean (2.515 and 3.105 for a gain of 2.5 and a read noise of 3). Levels
-with a saturated pixel are left out whole. Sources: Janesick, *Photon Transfer* (SPIE Press, 2007), chapter 5; EMVA
-Standard 1288, sections 2 and 6.
+``<2 sigma^4 + m / (2 gain^3)> / N``; ``sigma^2 = m / gain + f`` of each pixel (squares of the differences themselves
+would weigh a level by its noise). Not by bins of a pixel's own mean, and not with bright pixels left out of a frame:
+both choose pixels by their noise, and regress to the mean (gain 0.6 % and read noise 3.5 % too large). Levels with a
+saturated pixel are left out whole. Sources: Janesick, *Photon Transfer* (2007), chapter 5; EMVA Standard 1288.
 """
 
 from __future__ import annotations

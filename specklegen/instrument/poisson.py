@@ -1,9 +1,9 @@
 """Poisson numbers of one mean for a whole image, by a table of the law: several times faster than one by one.
 
-The table holds P(N <= n) to where the tail falls below the 2^-53 that a double can tell, and for each of 2048 equal
-parts of (0, 1) the first n to look at. The numbers are those of :func:`specklegen.kernels.quantiles.poisson_quantile`
-at the same uniform numbers, but for a few in a million.
-Source: Chen and Asau, *AIIE Transactions* 6, 163 (1974), guide tables.
+The table holds P(N <= n) to where the tail falls below the resolution of a double, and the first n to look at for each
+of 2048 equal parts of ``(0, 1)``. The numbers are those of :func:`specklegen.kernels.quantiles.poisson_quantile` at the
+same uniform numbers, but for a few in a million. Source: Chen and Asau, *AIIE Transactions* 6, 163 (1974), guide
+tables.
 """
 
 from functools import lru_cache

@@ -12,7 +12,7 @@ _STEPS = 100  # P(N > 100) is below 2^-60 for a mean of 32
 
 
 def units(words: torch.Tensor) -> torch.Tensor:
-    """Uniform numbers in (0, 1), float64[..., 2], from blocks of 32-bit words, int64[..., 4]."""
+    """Uniform numbers in ``(0, 1)``, float64[..., 2], from blocks of 32-bit words, int64[..., 4]."""
     high, low = words[..., 0::2], words[..., 1::2]
     return ((high * 2**20 + (low >> 12)).to(torch.float64) + 0.5) * 2.0**-52
 
@@ -34,7 +34,7 @@ def normal_quantile(u: torch.Tensor) -> torch.Tensor:
 
 
 def poisson_quantile(mean: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-    """Smallest whole k with P(N <= k) >= u, float64, for means of at least 0 and u in (0, 1), float64 of one shape."""
+    """Smallest whole k with P(N <= k) >= u, for means of at least 0 and u in ``(0, 1)``, all float64 of one shape."""
     small = mean.clamp(max=SUMMED)
     term = torch.exp(-small)
     total, count = term, torch.zeros_like(mean)

@@ -59,7 +59,7 @@ def minus_log(x):
 
 @inlined
 def minus_log1m(t):
-    """Return -log(1 - t) for t in (0, 1), with the relative precision of t."""
+    """Return ``-log(1 - t)`` for t in ``(0, 1)``, with the relative precision of t."""
     u = 1.0 - t
     lost = 1.0 - u  # what of t the difference kept (Kahan)
     return minus_log(u) * (t / lost) if lost > 0.0 else t
@@ -80,9 +80,9 @@ def exponential(x):
 
 @inlined
 def power_minus_three_quarters(x):
-    """Return x^(-3/4) for a normal x > 0, to a few units in the last place, without root or division.
+    """Return ``x^(-3/4)`` for a normal x > 0, to a few units in the last place, without root or division.
 
-    From the exponent's quarter, two steps of y (1 - e)^(-1/4), e = 1 - x y^4, as a series in e.
+    From the exponent's quarter, two steps of ``y (1 - e)^(-1/4)``, ``e = 1 - x y^4``, as a series in e.
     """
     y = np.int64(_FOURTH_ROOT - (np.float64(x).view(np.int64) >> _TWO)).view(np.float64)
     e = fma(-x, (y * y) * (y * y), 1.0)

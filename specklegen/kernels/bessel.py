@@ -3,10 +3,10 @@
     x < 8:   J0(x) = p(x^2 / 32 - 1)
     x >= 8:  J0(x) = sqrt(2 / (pi x)) [P cos(x - pi/4) - Q / x sin(x - pi/4)],   P, Q functions of (8 / x)^2
 
-with p, P and Q the Chebyshev interpolants of the exact functions (50 digits), cut below 1e-17 and written as
-polynomials of an argument in -1 ... 1, whose coefficients add up to less than 5: no cancellation. Absolute error below
-2e-15 (tests/kernels/test_bessel.py). The same numbers serve torch, whose own J0 is wrong by 4e-7 about x = 5.
-Source: Abramowitz and Stegun, *Handbook of Mathematical Functions*, 9.2.5 to 9.2.10.
+with p, P and Q the Chebyshev interpolants of the exact functions cut below 1e-17 and written as polynomials of an
+argument in ``[-1, 1]``, whose coefficients add up to less than 5: no cancellation. Absolute error below 2e-15
+(tests/kernels/test_bessel.py). The same numbers serve torch, whose own J0 is wrong by 4e-7 about x = 5. Source:
+Abramowitz and Stegun, *Handbook of Mathematical Functions*, section 9.2.
 """
 
 import math

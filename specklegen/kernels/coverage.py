@@ -12,7 +12,7 @@ from specklegen.kernels import inlined, kernel
 
 @inlined
 def _ramp(z):
-    """Integral of the share of a pixel right of an edge: max(z, 0)^2 / 2."""
+    """Integral of the share of a pixel right of an edge: ``max(z, 0)^2 / 2``."""
     return 0.5 * z * z if z > 0.0 else 0.0
 
 

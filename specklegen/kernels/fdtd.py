@@ -22,8 +22,8 @@ from specklegen.kernels.rng import uniforms
 def correlated_normals(key0, key1, first, rho, innovation, out):
     """Fill ``out`` float64[R, N] with stationary AR(1) sequences of unit variance.
 
-    Row r is realization ``first + r``: a pure function of the key and of that number.
-    g_0 = w_0;  g_{k+1} = rho g_k + innovation w_{k+1},  innovation = sqrt(1 - rho^2), w standard normal.
+    Row r is realization ``first + r``: a pure function of the key and of that number. ``g_0 = w_0``;
+    ``g_{k+1} = rho g_k + innovation w_{k+1}``, ``innovation = sqrt(1 - rho^2)``, w standard normal.
     """
     realizations, cells = out.shape
     for r in range(realizations):
@@ -139,10 +139,9 @@ def march_currents(currents, courant, mur, margin, first, last):
 def grid_scattering(kappa, theta, reflected, transmitted):
     """Exact scattering of the Yee grid: fill ``reflected``, ``transmitted`` complex128[R, F].
 
-    Backwards through the layer from an outgoing wave,
-    e_{k-1} = (2 - 4 sin^2(theta/2) (1 + kappa_k)) e_k - e_{k+1}. The coefficient is real, so real and
-    imaginary parts march apart, all frequencies side by side.
-    ``theta`` float64[F], in (0, pi): the phase per cell of the background.
+    Backwards through the layer from an outgoing wave, ``e_{k-1} = (2 - 4 sin^2(theta/2) (1 + kappa_k)) e_k - e_{k+1}``.
+    The coefficient is real, so real and imaginary parts march apart, all frequencies side by side. ``theta``
+    float64[F], in (0, pi): the phase per cell of the background.
     """
     realizations, cells = kappa.shape
     count = theta.size

@@ -10,9 +10,8 @@ from specklegen.kernels.arithmetic import fma
 def deflect(x, y, z, one_minus_cos, cos_azimuth, sin_azimuth):
     """Turn the unit vector (x, y, z) by the polar angle with 1 - cos given, at the azimuth given.
 
-    The frame is the branchless one of Duff et al., *Building an orthonormal basis, revisited* (JCGT 6(1),
-    2017), good at z = -1 and 1 alike. The polar angle enters as 1 - cos, so that tiny angles keep their
-    relative precision.
+    The frame is the branchless one of Duff et al., *Building an orthonormal basis, revisited* (JCGT, 2017), good at
+    both poles. The polar angle enters as 1 - cos, so that tiny angles keep their relative precision.
     """
     sign = math.copysign(1.0, z)
     a = -1.0 / (sign + z)

@@ -4,7 +4,7 @@
     R_s = [(n mu - n' mu') / (n mu + n' mu')]^2,     R_p = [(n' mu - n mu') / (n' mu + n mu')]^2
 
 mu is the cosine inside, mu' that beyond the face, of equal n sine. Behind a wall of two faces R_1, R_2, whose echoes
-add up as powers, each polarisation has R = 1 - (1 - R_1)(1 - R_2) / (1 - R_1 R_2). Born and Wolf, *Principles of
+add up as powers, each polarisation has ``R = 1 - (1 - R_1)(1 - R_2) / (1 - R_1 R_2)``. Born and Wolf, *Principles of
 Optics*, sec. 1.5.
 
 Light that meets several faces without being scattered keeps its polarisation: its two halves are followed apart, and

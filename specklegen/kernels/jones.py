@@ -1,9 +1,9 @@
 """Polarisation along a walk: the two-by-two matrix of the field, handed on from scattering to scattering.
 
 A scattering multiplies the part of the field that lies in the plane of both directions by S2; the part across it by S1
-(Bohren and Huffman, *Absorption and Scattering of Light by Small Particles*, 1983, Eq. 3.12); here |S1|^2 + |S2|^2 = 2
-at every angle, so that the phase function is the scalar one. A walk carries the product M of these matrices over
-x2 ... x_(B-1), between the frames of its first and its last direction. A frame is that of
+(Bohren and Huffman, *Absorption and Scattering of Light by Small Particles*, 1983, Eq. 3.12); here
+``|S1|^2 + |S2|^2 = 2`` at every angle, so that the phase function is the scalar one. A walk carries the product M of
+these matrices over x2 ... x_(B-1), between the frames of its first and its last direction. A frame is that of
 :func:`specklegen.kernels.frames.deflect`: it follows from the direction alone. M is kept at |M|^2 = 2.
 
 The angle of a scattering has the scalar phase function. Behind M, for unpolarised light along w_1, its azimuth has the

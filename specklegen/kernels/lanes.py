@@ -62,8 +62,8 @@ def draw_coin(key0, key1, sample, dimension, address, state, count):
 def propose(g, least, vx, vy, vz, depth, slope, state, count):
     """Mark the lanes whose contribution along v has an upper bound above ``least`` KEEP.
 
-    ``depth + slope z`` is the optical depth t to the outside along v. e^t >= 1 + t + t^2/2 + t^3/6 bounds without an
-    exponential; squared and multiplied out, the Henyey-Greenstein power then needs neither a root nor a division.
+    ``depth + slope z`` is the optical depth t to the outside along v. ``e^t >= 1 + t + t^2/2 + t^3/6`` bounds without
+    an exponential; squared and multiplied out, the Henyey-Greenstein power then needs neither a root nor a division.
     """
     scale = (1.0 - g * g) / (4.0 * math.pi) / least  # relative to the least, whose square may underflow
     for i in range(count):

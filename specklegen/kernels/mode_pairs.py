@@ -64,8 +64,8 @@ def fill_halves(maps, rows, columns, halves, down, across):
         Waves of the maps' rows at the lags, evenly spaced.
     columns : complex[w, m]
     halves  : real[2, 2, Y, k, X]
-        Parts that are even and odd along x, and along y, by the distance from the middle: Y = h // 2 + 1 rows and
-        X = w // 2 + 1 columns.
+        Parts that are even and odd along x, and along y, by the distance from the middle: ``Y = h // 2 + 1`` rows
+        and ``X = w // 2 + 1`` columns.
     down    : real[2, n / 2, Y]
         Cosines and sines of rows.
     across  : real[2, X, m]

@@ -1,7 +1,7 @@
 """Henyey-Greenstein scattering: density and sampling on the sphere and on the circle.
 
-rho(cos) = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos)^(3/2)),   s = sqrt(rho),   integral of |s|^2 = 1;
-rho(cos) = (1 - g^2) / (2 pi (1 + g^2 - 2 g cos))          in flatland; g is the mean cosine in both
+``rho(cos) = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos)^(3/2))``, s = sqrt(rho), integral of |s|^2 = 1; in flatland
+``rho(cos) = (1 - g^2) / (2 pi (1 + g^2 - 2 g cos))``; g is the mean cosine in both.
 """
 
 import math
@@ -15,7 +15,7 @@ _TWO_PI = 2.0 * math.pi
 
 @inlined
 def _base(g, cos):
-    """1 + g^2 - 2 g cos, without its cancellation at g -> 1 and g -> -1."""
+    """Return ``1 + g^2 - 2 g cos``, without its cancellation at g -> 1 and g -> -1."""
     if g < 0.0:
         return (1.0 + g) * (1.0 + g) - 2.0 * g * (1.0 + cos)
     return (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - cos)
@@ -38,11 +38,11 @@ def amplitude(g, cos):
 
 @inlined
 def sample_henyey_greenstein(g, u):
-    """1 - cos of a scattering angle, from u in (0, 1).
+    """Return ``1 - cos`` of a scattering angle, from u in ``(0, 1)``.
 
-    With d = 1 - g + 2 g u and s = (1 - g^2)/d, 1 - cos = (1 - g)(1 - u)(s + 1 - g)/d: exact at g = 0 and
-    free of cancellation towards g = 1, where the textbook form loses four digits. Below g = -0.9 the
-    mirrored phase function is drawn, which is as precise about the backward direction.
+    With ``d = 1 - g + 2 g u`` and ``s = (1 - g^2)/d``, ``1 - cos = (1 - g)(1 - u)(s + 1 - g)/d``: exact at g = 0 and
+    free of cancellation towards g = 1, where the textbook form loses four digits. Below g = -0.9 the mirrored phase
+    function is drawn, which is as precise about the backward direction.
     """
     h = -g if g < -0.9 else g
     inverse = 1.0 / (1.0 - h + 2.0 * h * u)
@@ -58,10 +58,10 @@ def henyey_greenstein_2d(g, cos):
 
 @inlined
 def sample_henyey_greenstein_2d(g, u):
-    """1 - cos of a scattering angle in flatland, from u in (0, 1).
+    """Return ``1 - cos`` of a scattering angle in flatland, from u in ``(0, 1)``.
 
-    tan(theta / 2) = (1 - g)/(1 + g) tan(pi u / 2) as the ratio of two numbers that are both precise:
-    1 - cos = 2 a^2 / (a^2 + b^2), a = (1 - g) sin, b = (1 + g) cos.
+    ``tan(theta / 2) = (1 - g)/(1 + g) tan(pi u / 2)`` as the ratio of two numbers that are both precise:
+    ``1 - cos = 2 a^2 / (a^2 + b^2)``, ``a = (1 - g) sin``, ``b = (1 + g) cos``.
     """
     a = (1.0 - g) * math.sin(0.5 * math.pi * u)
     b = (1.0 + g) * math.cos(0.5 * math.pi * u)

@@ -1,7 +1,7 @@
 """Particle types as tables: amplitude, power and sampling of every kind of scatterer, in 2D and 3D.
 
-A :class:`PhaseTable` lists the particle types of a medium, one row each, and the materials made of them.
-Every type has the integral of |s|^2 over all directions (4 pi, or 2 pi in flatland) equal to 1. Kinds:
+A :class:`PhaseTable` lists the particle types of a medium, one row each, and the materials made of them. The integral
+of ``|s|^2`` over all directions is 1 for every type. Kinds:
 
     ISOTROPIC   1 / 4 pi                                      1 / 2 pi
     HENYEY      (1 - g^2) / (4 pi base^(3/2))                 (1 - g^2) / (2 pi base),    base = 1 + g^2 - 2 g cos
@@ -105,7 +105,7 @@ def power(table, t, cos):
 
 @spliced
 def sample(table, t, u, v):
-    """1 - cos of a scattering angle of type t, from independent u, v in (0, 1).
+    """Return ``1 - cos`` of a scattering angle of type t, from independent u, v in ``(0, 1)``.
 
     In flatland the angle is one of (0, pi): its side is for the caller to choose. Kinds with a closed
     inverse use u alone.

@@ -126,19 +126,19 @@ def _poisson_by_expansion(mean, u):
 
 @inlined
 def poisson_quantile(mean, u):
-    """Smallest whole k with P(N <= k) >= u, N of Poisson's law with a mean of at least 0, for u in (0, 1)."""
+    """Smallest whole k with P(N <= k) >= u, N of Poisson's law with a mean of at least 0, for u in ``(0, 1)``."""
     return _poisson_by_sum(mean, u) if mean < SUMMED else _poisson_by_expansion(mean, u)
 
 
 @inlined
 def _unit(high, low):
-    """Middle of one of 2^52 cells of (0, 1), from two 32-bit words: never 0, never 1, exactly a double."""
+    """Middle of one of ``2^52`` cells of ``(0, 1)``, from two words of 32 bits: never 0 or 1, exactly a double."""
     return (float(((high << _32) | low) >> np.uint64(12)) + 0.5) * 2.0**-52
 
 
 @inlined
 def _fill_units(key0, key1, first, count, units):
-    """``units`` of the pixels 2 first, 2 first + 1, ...: two from each of ``count`` blocks, in two halves."""
+    """``units`` of the pixels ``2 first, 2 first + 1, ...``: two from each of ``count`` blocks, in two halves."""
     for n in range(count):
         a, b, c, d = philox(key0, key1, _0, np.uint64(first + n) & _LOW, np.uint64(first + n) >> _32, _0)
         units[n] = _unit(a, b)

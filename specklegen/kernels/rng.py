@@ -4,7 +4,7 @@ Every draw is a pure function of an address: a 64-bit key made from (seed, strea
 (dimension, path, sample). No state is kept, so a path is the same whatever thread, block or order
 traced it.
 
-Source: Salmon, Moraes, Dror, Shaw, *Parallel random numbers: as easy as 1, 2, 3* (SC11).
+Source: Salmon, Moraes, Dror, Shaw, *Parallel random numbers: as easy as ``1, 2, 3``* (SC11).
 """
 
 import math
@@ -37,7 +37,7 @@ def philox(key0, key1, c0, c1, c2, c3):
 
 @inlined
 def open_unit(word):
-    """Map a 32-bit word to the middle of its cell of (0, 1): never 0, never 1."""
+    """Map a word of 32 bits to the middle of its cell of ``(0, 1)``: never 0 or 1."""
     return word * _TO_UNIT + _HALF
 
 

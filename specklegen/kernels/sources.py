@@ -8,8 +8,8 @@ the volume the depth of the first vertex is exponential, forced to lie inside:
 
     p_r(x) = S_r(ray) sigma_t(x) e^(-depth before x) / (1 - e^(-depth of the whole ray))
 
-with S the density of rays across the beam: 1 / projected area, the footprint's density over the obliquity, or
-1 / (solid angle r^(d-1)). First directions spread about the ray as the material at the vertex scatters: the phase
+with S the density of rays across the beam: ``1 / projected area``, the footprint's density over the obliquity, or
+``1 / (solid angle r^(d-1))``. First directions spread about the ray as the material at the vertex scatters: the phase
 function of another would leave the ratio of both in the weights, hundreds where one is narrow.
 """
 

@@ -20,7 +20,7 @@ _C0, _C1, _C2, _C3, _C4, _C5, _C6 = _C
 
 @inlined
 def sincos_turns(turns):
-    """Return (sin, cos) of 2 pi ``turns``, for |turns| < 2^52."""
+    """Return (sin, cos) of ``2 pi turns``, for ``|turns| < 2^52``."""
     quarter = np.rint(4.0 * turns)
     x = (turns - 0.25 * quarter) * TAU
     y = x * x

@@ -1,9 +1,9 @@
 """Random walks through any volume, and the connections of their vertices to the sensor.
 
-One call traces the paths ``first`` ... ``first + count - 1``; random numbers are addressed by (key, sample,
-path, dimension) as in :mod:`specklegen.kernels.walk`, whose record is written here too, together with the
-particle types at both ends (physics.md 2, corrections 3 and 6). Paths go in lock step (`specklegen.kernels.lanes`);
-what is no vector loop, the way through voxels and particles drawn by type, has loops of its own.
+One call traces the paths ``first`` ... ``first + count - 1``; random numbers are addressed by (key, sample, path,
+dimension) as in :mod:`specklegen.kernels.walk`, whose record is written here too, together with the particle types at
+both ends (docs/physics.md, section 2). Paths go in lock step (`specklegen.kernels.lanes`); what is no vector loop, the
+way through voxels and particles drawn by type, has loops of its own.
 
 A path serves both ways: walked backwards it is as good a path from x_B to x_1. With ``bidirectional`` its weight is the
 balance heuristic over both,
@@ -212,7 +212,7 @@ def propose(bounds, sigma, g, rows, places, least, kinds, points, given, state, 
     """Mark the lanes whose contribution at any of some probes has an upper bound above ``least`` KEEP.
 
     ``sigma``: the least extinction in the volume; ``given``: POWER or BACKWARD, the power of the other end. Of the loss
-    e^-t on the way out the bound knows e^t >= 1 + t + t^2/2 + t^3/6. Lanes are never marked off.
+    e^-t on the way out the bound knows ``e^t >= 1 + t + t^2/2 + t^3/6``. Lanes are never marked off.
     """
     for n in range(kinds.shape[0]):
         if kinds[n] == NEAR:

@@ -58,12 +58,12 @@ def blood(wavelength: float, oxygenation: float) -> float:
 
 
 def water(wavelength: float) -> float:
-    """Water, 1 / mm, at 0.4 to 1 micrometres; RuleError elsewhere."""
+    """Absorption of water per mm, at 0.4 to 1 micrometres; RuleError elsewhere."""
     return _at("water", wavelength, BAND) / 10
 
 
 def fat(wavelength: float) -> float:
-    """Mammalian fat, 1 / mm, at 0.43 to 1 micrometres; RuleError elsewhere."""
+    """Absorption of mammalian fat per mm, at 0.43 to 1 micrometres; RuleError elsewhere."""
     return _at("fat", wavelength, FAT_BAND) / 10
 
 

@@ -1,7 +1,7 @@
 """Refractive indices over vacuum wavelength in micrometres, by the formulas of their papers.
 
 Each was compared with the coefficients of the public-domain data base refractiveindex.info (M. N. Polyanskiy,
-Scientific Data 11, 94, 2024).
+Scientific Data 11, 94 (2024)).
 """
 
 import math
@@ -16,7 +16,7 @@ RUTILE = (0.43, 1.53)
 
 
 def sellmeier(wavelength: float, *terms: tuple[float, float]) -> float:
-    """n^2 = 1 + sum B lambda^2 / (lambda^2 - C)."""
+    """Index by Sellmeier's formula, ``n^2 = 1 + sum B lambda^2 / (lambda^2 - C)``."""
     square = wavelength**2
     return math.sqrt(1 + math.fsum(b * square / (square - c) for b, c in terms))
 
@@ -43,7 +43,7 @@ def rutile(wavelength: float) -> float:
     """Mean of two ordinary and one extraordinary index: Devore, J. Opt. Soc. Am. 41, 416 (1951).
 
     Crystals of pigment lie at random; neither this mean nor that of the cross-sections is exact (Thiele and French,
-    Journal of the American Ceramic Society 81, 469, 1998).
+    Journal of the American Ceramic Society 81, 469 (1998)).
     """
     ordinary, extraordinary = (
         math.sqrt(a + b / (wavelength**2 - c)) for a, b, c in ((5.913, 0.2441, 0.0803), (7.197, 0.3322, 0.0843))

@@ -3,9 +3,12 @@
     mu_s = 3.873e8 lambda^-2.397 / mm,      g = 1.090 - 6.812e-4 lambda,      lambda in nanometres, of Intralipid-20 %
 
 Michels, Foschum and Kienle, Optics Express 16, 5907 (2008), tables 3 and 4, undiluted and as if its droplets scattered
-independently; a dilution by volume takes its share. Its mu_s (1 - g) at 632.8, 751 and 833 nm: 25.5, 20.9 and
-18.5 / mm, lies within 2 % of what Di Ninni, Martelli and Zaccanti found for nine batches, 25.9, 21.2 and 18.4 / mm
-(Physics in Medicine and Biology 56, N21, 2011).
+independently; a dilution by volume takes its share. Its mu_s (1 - g) per mm lies within 2 % of what Di Ninni, Martelli
+and Zaccanti found for nine batches (Physics in Medicine and Biology 56, N21 (2011)):
+
+    wavelength      632.8 nm    751 nm    833 nm
+    here            25.5        20.9      18.5
+    nine batches    25.9        21.2      18.4
 """
 
 from specklegen.materials import indices

@@ -1,8 +1,7 @@
 """Milk: fat globules and casein micelles in water, by Mie theory.
 
 The model is that of Frisvad, Christensen and Jensen, ACM Transactions on Graphics 26, 60 (2007): volumes from weights
-by the densities 0.915 (fat), 1.11 (casein) and 1.03 (milk), casein being 0.76 of the protein, volumes log-normal in the
-radius.
+by the densities of fat, casein and milk, casein a fixed share of the protein, volumes log-normal in the radius.
 """
 
 from specklegen.materials import indices
@@ -15,7 +14,7 @@ _GLOBULES, _MICELLES = 0.6, 0.4
 
 
 def fat_index(wavelength: float) -> float:
-    """Refractive index of milk fat, through 1.470 at 466 nm and 1.460 at 633 nm as a + b / lambda^2.
+    """Refractive index of milk fat, ``a + b / lambda^2`` through two measured wavelengths.
 
     Michalski, Briard and Michel, Lait 81, 787 (2001).
     """

@@ -104,7 +104,7 @@ def suspension(parts: tuple[tuple[Sizes, complex], ...], wavelength: float) -> S
 
 
 def _angular(cos: np.ndarray, orders: int) -> tuple[np.ndarray, np.ndarray]:
-    """(2n + 1) / (n (n + 1)) times pi_n and tau_n, float64[N, ...]: Bohren and Huffman, Eq. 4.47."""
+    """Return ``(2n + 1) / (n (n + 1))`` times pi_n and tau_n, float64[N, ...]: Bohren and Huffman, Eq. 4.47."""
     pi, tau = np.zeros((2, orders + 1, *cos.shape))
     pi[1] = 1.0
     for n in range(1, orders + 1):

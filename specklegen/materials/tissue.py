@@ -1,10 +1,10 @@
-"""Tissues, by the review of Jacques: mu_s (1 - g) = a (lambda / 500 nm)^-b, n = 1.514 - (1.514 - 1.33) W.
+"""Tissues, by the review of Jacques: ``mu_s (1 - g) = a (lambda / 500 nm)^-b``, ``n = 1.514 - (1.514 - 1.33) W``.
 
 S. L. Jacques, Physics in Medicine and Biology 58, R37 (2013), Eqs. 1 and 3; a and b of table 2 with one standard
 deviation either way, W the share of water. The absorption is that of the shares of blood, water, fat and melanin
 (:mod:`specklegen.materials.absorption`), from 0.4 to 1 micrometres; it may be given instead, and must be elsewhere.
 
-Layers of skin scatter as mu_s (1 - g) = a [r (lambda / 500 nm)^-4 + (1 - r) (lambda / 500 nm)^-b], r the share of
+Layers of skin scatter as ``mu_s (1 - g) = a [r (lambda / 500 nm)^-4 + (1 - r) (lambda / 500 nm)^-b]``, r the share of
 Rayleigh scattering (ibid., Eq. 2).
 """
 

@@ -1,10 +1,10 @@
-"""The mean (ballistic, coherent) field: [Bar19] Eqs. 20, 46-48; physics.md 3.
+"""The mean (ballistic, coherent) field: [Bar19] Eq. 20; Eqs. 46-48; section 3 of docs/physics.md.
 
 Where a point is involved, a sensor or a source, it is the attenuated ray tau xi of the *total* field. Between far
 lights and far views it depends on the medium:
 
 * behind a slab or thin screens, beams: the total transmitted mean of a wide beam, e^(-OD/2) times the diffraction
-  pattern of its window. At v = i its amplitude is (k / 2 pi)^((d-1)/2) A e^(-OD/2), and for a square window its
+  pattern of its window. At v = i its amplitude is ``(k / 2 pi)^((d-1)/2) A e^(-OD/2)``, and for a square window its
   first zero lies lambda / W away. The constant phase is chosen such that the field on the exit face is real and
   positive at the window's centre for a beam along the axis. Refracting faces let the root of
   (1 - R(i)) (1 - R(v)) through; echoes between them are left out;

@@ -2,11 +2,12 @@
 
     m = P (k / 2 pi)^((d-1)/2) int (sigma_t / 2) f(i . v) b(x) e^(ik(i - v).x) tau(x, v) dx,    f = s(i . v) / s(1)
 
-with one attenuation factor, from x to the surface along v. It is N sqrt(c_s) s of physics.md by the optical theorem,
-which fixes N sqrt(c_s) s(1) = P (k / 2 pi)^((d-1)/2) sigma_t / 2 whatever the albedo: the wave scattered forward is
-the shadow. Behind a face A at v = i the modulus is (k / 2 pi)^((d-1)/2) A (1 - e^(-OD/2)). The phase P, i in space and
-e^(3 i pi / 4) in flatland, is that of Kirchhoff's far field of an aperture that takes e^(-OD/2) - 1 times the wave.
-Mixtures have the mean of their types' f; b is a beam's profile on its ray, per area of the entrance face.
+with one attenuation factor, from x to the surface along v. It is ``N sqrt(c_s) s`` of docs/physics.md by the optical
+theorem, which fixes ``N sqrt(c_s) s(1) = P (k / 2 pi)^((d-1)/2) sigma_t / 2`` whatever the albedo: the wave scattered
+forward is the shadow. Behind a face A at v = i the modulus is ``(k / 2 pi)^((d-1)/2) A (1 - e^(-OD/2))``. The phase P,
+i in space and ``e^(3 i pi / 4)`` in flatland, is that of Kirchhoff's far field of an aperture that takes
+``e^(-OD/2) - 1`` times the wave. Mixtures have the mean of their types' f; b is a beam's profile on its ray, per area
+of the entrance face.
 """
 
 from itertools import count

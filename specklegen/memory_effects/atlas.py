@@ -52,7 +52,7 @@ class Errors(NamedTuple):
 
 
 def mean_order(depth, drop):
-    """Vertices of a transmitted path, roughly: OD straight through, OD^2 (1 - g) / 2 by diffusion; ``drop`` = 1 - g."""
+    """Vertices of a transmitted path, about: OD straight through, ``OD^2 drop / 2`` by diffusion, ``drop = 1 - g``."""
     return depth * (1 + 0.5 * depth * drop)
 
 

@@ -151,7 +151,7 @@ class MemoryEffectCorrelation:
 
     @property
     def mean_square_radius(self) -> float:
-        """<r^2>_w, which sets C_I = 1 - q^2 <r^2>/2 at small tilts."""
+        """Return ``<r^2>_w``, which sets ``C_I = 1 - q^2 <r^2>/2`` at small tilts."""
         share = self.weights.sum(axis=0)
         return float((share * self.radius**2).sum() / share.sum())
 

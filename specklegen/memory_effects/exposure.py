@@ -2,9 +2,9 @@
 
     K^2(T) = 2 int_0^1 (1 - u) |g1(uT)|^2 du = sum_ab p_a p_b F(2 (Y_a + Y_b) x(T)),    F(y) = 2 (e^-y - 1 + y) / y^2
 
-the second where x = k^2 <Dr^2(tau)> / 6 is in proportion to the lag (:mod:`specklegen.theory.speckle_contrast`). Of one
-polarisation, one wavelength, and pixels far below a grain; what pixels and light leave of the contrast at rest, beta,
-multiplies it.
+the second where ``x = k^2 <Dr^2(tau)> / 6`` is in proportion to the lag (:mod:`specklegen.theory.speckle_contrast`). Of
+one polarisation, one wavelength, and pixels far below a grain; what pixels and light leave of the contrast at rest,
+beta, multiplies it.
 """
 
 from collections.abc import Mapping

@@ -232,7 +232,7 @@ def _of_slab(
 def forward_correlation(slab: Slab, wavelength: float, tilt: ArrayLike, shift: ArrayLike) -> np.ndarray:
     """|C| of a forward slab with Gaussian phase functions: exp{-(k^2 L / 2 l*) [x^2 - L delta x + L^2 delta^2 / 3]}.
 
-    Its best shift is L delta / 2, its best tilt 3 x / (2 L); for thicknesses far below the transport length l*.
+    Its best shift is ``L delta / 2``, its best tilt ``3 x / (2 L)``; for thicknesses far below the transport length l*.
     """
     tilt, shift, thickness = np.asarray(tilt), np.asarray(shift), slab.thickness
     quadratic = shift**2 - thickness * tilt * shift + (thickness * tilt) ** 2 / 3

@@ -6,9 +6,9 @@ positive numbers lose no relative precision, so that light of 1e-40 is as exact 
 is a node of weight 0: light arrives and is seen there, and never scatters into it alone. Source: van de Hulst,
 *Multiple Light Scattering* (1980), ch. 4; Grant and Hunt, Proc. R. Soc. A 313, 183 (1969).
 
-Scatterers that move take e^(-2x (1 - cos theta)) off the field's correlation at every scattering, x = D k^2 tau: their
-phase function times that is the phase function of a correlation that obeys radiative transfer too (Ackerson et al., J.
-Thermophys. Heat Transfer 6, 577 (1992)), so that ratios of such light at x and at 0 are g1.
+Scatterers that move take ``e^(-2x (1 - cos theta))`` off the field's correlation at every scattering,
+``x = D k^2 tau``: their phase function times that is the phase function of a correlation that obeys radiative transfer
+too (Ackerson et al., J. Thermophys. Heat Transfer 6, 577 (1992)), so that ratios of such light at x and at 0 are g1.
 """
 
 from collections.abc import Sequence

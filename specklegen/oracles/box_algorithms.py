@@ -1,4 +1,4 @@
-"""Algorithms 1 to 4 of [Bar19] for any medium of boxes, transcribed to NumPy with the corrections of physics.md 2.
+"""The algorithms of [Bar19] for any medium of boxes, transcribed to NumPy with the corrections of docs/physics.md.
 
     C_pq = E[ W a_p a_q* ]                                         Algorithms 1 and 3 (mixtures of particles)
     u_p  = N^(-1/2) sum over paths and B of z sqrt(W) a_p,    z = e^(2 pi i zeta)        Algorithms 2 and 4
@@ -10,8 +10,8 @@ sqrt(V), not sqrt(V/2), is never doubled and has one particle, while the particl
 independent; near points take the direction at the vertex that they are connected to; the balance heuristic has the
 ratio of extinctions, and no share for paths that would start outside the region. C and u are of u - m.
 
-Source: Bar, Alterman, Gkioulekas, Levin, *A Monte Carlo framework for rendering speckle statistics in scattering
-media* (ACM TOG 38(4), 2019), Algorithms 1-4, Eqs. 13-17, 38, 42-45.
+Source: Bar, Alterman, Gkioulekas, Levin, *A Monte Carlo framework for rendering speckle statistics in scattering media*
+(ACM TOG 38, 2019): algorithms 1 to 4; Eqs. 13-17; Eq. 38; Eqs. 42-45.
 """
 
 from collections.abc import Iterator

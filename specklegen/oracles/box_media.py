@@ -33,8 +33,8 @@ class Particle:
 def henyey_greenstein(g: float, dimension: int) -> Particle:
     """Henyey and Greenstein's particle with s = +sqrt(rho).
 
-    rho = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos)^(3/2)), and in two dimensions (1 - g^2) / (2 pi (1 + g^2 - 2 g cos));
-    both by inversion.
+    ``rho = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos)^(3/2))``, and in two dimensions
+    ``(1 - g^2) / (2 pi (1 + g^2 - 2 g cos))``; both by inversion.
     """
 
     def amplitude(cos):

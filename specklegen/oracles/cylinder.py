@@ -79,7 +79,7 @@ class Cylinder:
 
     @cached_property
     def t_matrix(self) -> np.ndarray:
-        """T_n, complex128[2M + 1]; |1 + 2 T_n| = 1, for nothing is absorbed."""
+        """Coefficients T_n, complex128[2M + 1]; ``|1 + 2 T_n| = 1``, for nothing is absorbed."""
         a, b = self._mismatch
         return -a / (a + 1j * b)
 

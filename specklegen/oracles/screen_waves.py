@@ -4,7 +4,7 @@
 
 No closed form and no Gaussian statistics of light enter: the judge of the screens sampler and of its closed forms.
 whole steps of the spectrum, lambda / side, so that the waves are periodic too. Goodman, *Introduction to Fourier
-Optics* (4th ed., 2017), section 3.10.
+Optics* (2017), section 3.10.
 """
 
 from dataclasses import dataclass

@@ -82,7 +82,7 @@ def slit_screen(
 ) -> SlitScreen:  # fmt: skip
     """Solve slits [x0, x1] that do not touch, with ``nodes`` nodes a wavelength, lit at ``angle`` radians.
 
-    16 nodes a wavelength give 1e-13 (24 at least in each slit); slits nearer to each other than a node distance need
+    16 nodes a wavelength give 1e-13; each slit has at least 24; slits nearer to each other than a node distance need
     more.
     """
     soft = boundary == "soft"

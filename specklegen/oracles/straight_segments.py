@@ -7,9 +7,9 @@ root is a sine series. What stays singular is removed exactly, with
     ln|cos t - cos t'| = -ln 2 - sum_m (2/m) cos(mt) cos(mt')
     f.p. int_0^pi sin(mt') sin(t') / (cos t - cos t')^2 dt' = -pi m sin(mt) / sin(t)
 
-so that the error falls faster than any power of the number of nodes.
-Source: Kress, *Linear Integral Equations* (3rd ed., 2014), section 13.5 (logarithm); Martin, Rizzo,
-*On boundary integral equations for crack problems*, Proc. R. Soc. A 421, 341 (1989) (finite part).
+so that the error falls faster than any power of the number of nodes. Source: Kress, *Linear Integral Equations* (2014),
+section 13.5 (logarithm); Martin, Rizzo, *On boundary integral equations for crack problems*, Proc. R. Soc. A
+421, 341 (1989) (finite part).
 """
 
 from dataclasses import dataclass
@@ -122,7 +122,7 @@ def _regular_0(z: np.ndarray, scale: float) -> np.ndarray:
 
 
 def _regular_1(z: np.ndarray, k: float, h: float) -> np.ndarray:
-    """(ik/2) H_1^(1)(z)/R less its 1/R^2 and its ln(gap) term, z = kR = k h gap [DLMF 10.8.1]."""
+    """Return ``(ik/2) H_1^(1)(z)/R`` less its ``1/R^2`` and ``ln(gap)`` terms, ``z = kR = k h gap`` [DLMF 10.8.1]."""
     order = np.arange(24)
     terms = (-np.square(np.minimum(z, SMALL))[..., None] / 4) ** order / (factorial(order) * factorial(order + 1))
     bessel = 0.5 * terms.sum(-1)  # J_1(z) / z

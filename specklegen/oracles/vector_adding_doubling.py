@@ -9,8 +9,9 @@ which light arrives or is seen, and into which it never scatters.
 Stokes vectors belong to the frame (theta, phi) of their direction: Q is what lies along theta, in the plane of
 direction and axis, minus what lies along phi; U what lies at 45 degrees between the two, minus the rest.
 
-Sources: van de Hulst, *Multiple Light Scattering* (1980), ch. 15; de Haan, Bosma, Hovenier, Astron. Astrophys. 183, 371
-(1987); for the frames Bohren and Huffman, *Absorption and Scattering of Light by Small Particles* (1983), ch. 3.
+Sources: van de Hulst, *Multiple Light Scattering* (1980), ch. 15; de Haan, Bosma, Hovenier, Astron. Astrophys.
+183, 371 (1987); for the frames Bohren and Huffman, *Absorption and Scattering of Light by Small Particles* (1983), ch.
+3.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,7 +38,7 @@ def rayleigh(cosine: np.ndarray) -> np.ndarray:
 def projected(lobe: Callable[[np.ndarray], np.ndarray]) -> PhaseMatrix:
     """Phase matrix of particles that scatter by a scalar phase function and project the field: S2 = cos(theta) S1.
 
-    ``lobe`` gives F11 of mean 1 over the sphere; of 3/4 (1 + cos^2) it makes :func:`rayleigh`.
+    ``lobe`` gives F11 of mean 1 over the sphere; of ``3/4 (1 + cos^2)`` it makes :func:`rayleigh`.
     """
 
     def matrix(cosine: np.ndarray) -> np.ndarray:

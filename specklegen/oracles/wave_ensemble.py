@@ -2,7 +2,7 @@
 
     C[v1, v2, j] = <u_v1(light 0) u_v2(light j)*> - m_v1(light 0) m_v2(light j)*,   m = <u>
 
-over independent placements; no transport theory enters. [Bar19], section 5 and Figs. 2, 4, 8.
+over independent placements; no transport theory enters. [Bar19], section 5.
 
 The number of cylinders is Poisson, so that a thin medium is the ideal gas that transport theory assumes. A
 cylinder that overlaps an earlier one is drawn again, because the addition theorem needs them apart; that

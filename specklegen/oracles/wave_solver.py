@@ -9,9 +9,9 @@ addition theorem:
 One dense system of N (2M + 1) unknowns for all lights at once; no other approximation than the orders kept.
 The addition theorem holds between cylinders that do not overlap.
 
-Conventions (physics.md 1): time e^{-i omega t}; positions and directions are (x, z), angle theta is the direction
-(sin theta, cos theta); the far field u(v) of u_sc -> u(v) e^{ikr} / sqrt(r) has no further factor. Sources:
-Foldy, *Phys. Rev.* 67, 107 (1945); Martin, *Multiple Scattering* (2006), sections 2.5 and 4.5.
+Conventions (physics.md 1): time e^{-i omega t}; positions and directions are (x, z), angle theta is the direction (sin
+theta, cos theta); the far field u(v) of u_sc -> u(v) e^{ikr} / sqrt(r) has no further factor. Sources: Foldy, *Phys.
+Rev.* 67, 107 (1945); Martin, *Multiple Scattering* (2006).
 """
 
 from dataclasses import dataclass
@@ -65,8 +65,8 @@ class PlaneLights:
 class LineSources:
     """Line sources at ``points`` float64[L, 2], outside all cylinders.
 
-    The exact cylindrical wave sqrt(pi k / 2) e^{i pi / 4} H_0^(1)(kr). The point source e^{ikr} / sqrt(r) of
-    physics.md 1 is its limit, 1 / (8 kr) away: 2 % at one wavelength.
+    The exact cylindrical wave ``sqrt(pi k / 2) e^{i pi / 4} H_0^(1)(kr)``. The point source ``e^{ikr} / sqrt(r)`` of
+    docs/physics.md is its limit, ``1 / (8 kr)`` away: 2 % at one wavelength.
     """
 
     points: np.ndarray
@@ -80,7 +80,7 @@ class LineSources:
         return _source_strength(k) * waves.transpose(1, 0, 2)
 
     def field(self, k: float, points: np.ndarray) -> np.ndarray:
-        """sqrt(pi k / 2) e^{i pi / 4} H_0^(1)(kr), complex128[L, P]."""
+        """Return ``sqrt(pi k / 2) e^{i pi / 4} H_0^(1)(kr)``, complex128[L, P]."""
         return _source_strength(k) * outgoing(k, points[None] - self.points[:, None], 0)[0]
 
 
@@ -149,8 +149,8 @@ class Scattered:
 def scatter(cylinder: Cylinder, centres: np.ndarray, light: Light) -> Scattered:
     """Solve the coupled system of equal cylinders at ``centres`` float64[N, 2], for all lights at once.
 
-    Dense: two matrices of 16 (N (2M + 1))^2 bytes, 144 MB each for 3000 cylinders of order 0, 1.3 GB of order 1. Raise
-    a `RuleError` if two cylinders overlap, or a line source lies in one.
+    Dense: two matrices of ``16 (N (2M + 1))^2`` bytes, 144 MB each for 3000 isotropic cylinders. Raise a `RuleError` if
+    two cylinders overlap, or a line source lies in one.
     """
     centres = _planar("centres", centres)
     k, order, number = cylinder.wavenumber, cylinder.order, len(centres)

@@ -5,14 +5,13 @@ those of two scatterings before all others. With x_1 and x_2 a distance r apart 
 
     C_2 = sigma_s int dw |s(i.w) s(w.v) s(-i.w) s(-w.v)| int dr e^(-sigma_t r) cos(k r (i + v) . w)
 
-against rho(i.v) of single scattering, or against double scattering without the phase. The inner integral is
-sigma / (sigma^2 + (k (i + v) . w)^2); faces that end the flights of a thin medium act as sigma_t + 2/L for sigma, and
-the largest over this range counts. By symmetry only |i + v| matters. Longer paths lose more to the phase than those of
-two scatterings and are compared with an intensity of their own, so the total stays below, save where light is thrown
-back twice; that is added by the share of the phase function behind. Isotropic scatterers: pi/2 / (k l |i + v|) of
-single ones, 1 / (k l |i + v|) in flatland, and the higher orders measured beside Monte Carlo
-(tests/paths/test_reversal.py); that excess is a fifth to all of this bound for anisotropies from -0.9 to 0.99 and
-optical depths from 0.1 to 8.
+against rho(i.v) of single scattering, or against double scattering without the phase. The inner integral is sigma /
+(sigma^2 + (k (i + v) . w)^2); faces that end the flights of a thin medium act as sigma_t + 2/L for sigma, and the
+largest over this range counts. By symmetry only |i + v| matters. Longer paths lose more to the phase than those of two
+scatterings and are compared with an intensity of their own, so the total stays below, save where light is thrown back
+twice; that is added by the share of the phase function behind. Isotropic scatterers: pi/2 / (k l |i + v|) of single
+ones, 1 / (k l |i + v|) in flatland, and the higher orders measured beside Monte Carlo (tests/paths/test_reversal.py);
+that excess is a fifth to all of this bound for anisotropies up to 0.99, backward ones too, and optical depths up to 8.
 """
 
 import numpy as np

@@ -95,7 +95,7 @@ class Endpoints:
 def offsets(directions: np.ndarray, reference: np.ndarray, wavelength: float) -> np.ndarray:
     """(directions - reference) / wavelength, float64[n, 3] turns per unit length, without cancellation in z.
 
-    (v_z - r_z) = -(v_xy^2 - r_xy^2)/(v_z + r_z), never from 1 - cos.
+    ``(v_z - r_z) = -(v_xy^2 - r_xy^2)/(v_z + r_z)``, never from ``1 - cos``.
     """
     difference = directions - reference
     lateral = np.square(directions[..., :2]).sum(-1) - np.square(reference[:2]).sum()

@@ -77,7 +77,7 @@ def _reached(medium: PlaneMedium, views: np.ndarray, m: int) -> np.ndarray:
 
 
 def crossing_factors(faces: Faces, vectors: np.ndarray, bounces: np.ndarray) -> np.ndarray:
-    """<(1 - R) R^m>^(1/2) float64[n, M] of lights or views float64[n, 3] after m = bounces int8[M] reflections."""
+    """Return ``<(1 - R) R^m>^(1/2)`` float64[n, M] of lights or views [n, 3] after m = bounces int8[M] reflections."""
     r = both_reflectances(faces, vectors[:, 2])[..., None]
     return np.sqrt(((1 - r) * r ** np.arange(MOST_IMAGES + 1)).mean(axis=0))[:, bounces]
 

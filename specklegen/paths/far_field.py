@@ -110,7 +110,7 @@ def _quadrature() -> tuple[np.ndarray, np.ndarray]:
 
 @remembered(64)
 def lobe_width(scatterer: Scatterer) -> float:
-    """Tilt in radians at which |A|^2 is 1/2: pi, and more than a phase function has, where it never falls so low."""
+    """Tilt in radians at which ``|A|^2`` is a half; pi, more than a phase function has, where it never falls so low."""
     return cached_result(float, ("width of the phase function", scatterer), lambda: _lobe_width(scatterer))
 
 

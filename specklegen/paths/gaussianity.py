@@ -93,7 +93,7 @@ class PathMoments:
 
     @property
     def image_variance(self) -> float:
-        """N times the excess correlation of intensities within an image: Var w and E w^2 - E sum_B w_B^2, over (E w)^2.
+        """Excess correlation of intensities times N: (Var w, ``E w^2 - E sum_B w_B^2``) over ``(E w)^2``.
 
         The second part is speckle between the connections of one path, which share their entrance; at its most, for
         views within a grain of each other.

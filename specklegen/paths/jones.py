@@ -40,7 +40,7 @@ class Ends(NamedTuple):
     faces: Faces = Faces()
 
     def matrices(self, cos: np.ndarray, kind: int = 0) -> np.ndarray:
-        """S1 and S2 of a type beside the scalar amplitude, complex128[2, ...]: |S1|^2 + |S2|^2 = 2, its phase off."""
+        """S1 and S2 of a type beside the scalar amplitude, complex128[2, ...], phase off; ``|S1|^2 + |S2|^2 = 2``."""
         if self.polarisation == "projector":
             across = np.sqrt(2 / (1 + np.square(cos)))
             return np.stack([across, across * cos]).astype(np.complex128)
@@ -104,7 +104,7 @@ def type_matrices(medium: PlaneMedium) -> np.ndarray | None:
 
 
 def _parts(found: np.ndarray) -> np.ndarray:
-    """S1 and S2 complex128[2, n] as real and imaginary parts float64[n, 4], |S1|^2 + |S2|^2 = 2."""
+    """S1 and S2 complex128[2, n] as real and imaginary parts float64[n, 4], ``|S1|^2 + |S2|^2 = 2``."""
     one, two = found * np.sqrt(2 / np.square(np.abs(found)).sum(axis=0))
     return np.stack([one.real, one.imag, two.real, two.imag], axis=-1)
 

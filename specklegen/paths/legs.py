@@ -6,10 +6,10 @@ crossed or been turned back by; at its end it is in layer k with what the faces 
 
     |A|^2 = prod_j (1 - R_j or R_j) e^(-sum OD / mu),     over (n_k / n)^2 mu_k for irradiance per area of the face,
 
-or for a view, seen per steradian in the index n, mu_n / ((n_k / n)^2 mu_k) times that product. Its phase grows by
-k (sqrt(n_k^2 - n^2 s^2) - n_k) / n per depth, beside light along the axis. Light keeps its polarisation along a leg;
-the mean over both is taken at its end. Phases of reflections go into the random phase of the connection, which every
-leg has for itself.
+or for a view, seen per steradian in the index n, ``mu_n / ((n_k / n)^2 mu_k)`` times that product. Its phase grows by
+``k (sqrt(n_k^2 - n^2 s^2) - n_k) / n`` per depth, beside light along the axis. Light keeps its polarisation along a
+leg; the mean over both is taken at its end. Phases of reflections go into the random phase of the connection, which
+every leg has for itself.
 
 Legs are found from the brightest on, down to :data:`_LEFT_OUT` of what comes to their layer straight.
 """

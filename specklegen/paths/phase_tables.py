@@ -137,7 +137,7 @@ def _lowest_octave(density: Callable[[np.ndarray], np.ndarray]) -> int:
 
 
 def _nodes(lowest: int, log_nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """0 and the numbers from 2^lowest to 2 with 2^log_nodes of them an octave; bits of the first, log2 of the step."""
+    """Nodes: 0 and ``2^log_nodes`` numbers an octave from ``2^lowest`` to 2; bits of the first, log2 of the step."""
     first = np.float64(2.0**lowest).view(np.int64)
     step = 52 - log_nodes
     count = (1 - lowest) * 2**log_nodes + 1

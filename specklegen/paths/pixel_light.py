@@ -14,7 +14,7 @@ is lit (beside a wide pupil a phase function fills little of it),
 
     A = (int p)^2 / int (p^2 / J) + A_0 [int p / (int p^(1/2))^2] / [the same of the pupil],    J = |dx / ds|
 
-A_0 that of a point in focus; and all are put right by the areas of the images of a few, (int |h|^2)^2 / int |h|^4.
+A_0 that of a point in focus; and all are put right by the areas of the images of a few, ``(int |h|^2)^2 / int |h|^4``.
 """
 
 from dataclasses import dataclass
@@ -171,7 +171,7 @@ class PixelLight:
         return out * views.power[:, None]
 
     def image_areas(self, part: np.ndarray, middles: np.ndarray) -> np.ndarray:
-        """Areas (int |h|^2)^2 / int |h|^4 float64[M] of the images h of some connections.
+        """Areas ``(int |h|^2)^2 / int |h|^4`` float64[M] of the images h of some connections.
 
         By the transform of what each sends through the pupil; ``middles`` float64[M, 2] from their last particles.
         """

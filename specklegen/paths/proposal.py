@@ -46,7 +46,7 @@ class Proposal:
 
 
 def default_max_order(medium: Medium) -> int:
-    """Vertices that bound a path: max(1000, 10 OD^2), far beyond what any medium needs."""
+    """Vertices that bound a path: ``max(1000, 10 OD^2)``, far beyond what any medium needs."""
     return int(min(max(1000.0, 10 * min(medium.optical_depth, 1e5) ** 2), 2e9))
 
 

@@ -48,7 +48,7 @@ _SLAB_CONNECTIONS = 2**23  # of all together: fewer than SLAB_PATHS from an opti
 def between_probes(
     scatterers: Sequence[Scatterer], dimension: Dimensions, views: np.ndarray, probes: np.ndarray
 ) -> float:
-    """Share of the threshold left for phase functions narrow beside gaps of probes: 1 up to R = 4, then 1 / 2R.
+    """Share of the threshold left for phase functions narrow beside gaps of probes: 1 up to R = 4, then ``1 / 2R``.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Tracing: (scene, proposal, seed) -> PathBank, the connections of random paths to the sensor.
 
-Subpath sampling of [Bar19] Algorithms 1-4 as corrected in physics.md 2: first vertices exponentially
-along the illumination, first directions from the medium's phase function, connections kept by Russian roulette.
-Phases are not drawn here: a bank serves every tilt, every view and every realization of phases.
+Subpath sampling of [Bar19] as corrected in docs/physics.md, section 2: first vertices exponentially along the
+illumination, first directions from the medium's phase function, connections kept by Russian roulette. Phases are not
+drawn here: a bank serves every tilt, every view and every realization of phases.
 """
 
 import math

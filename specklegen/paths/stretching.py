@@ -70,7 +70,7 @@ def decay(medium: Slab | Layer) -> float:
 def flat_decay(scatterer: Scatterer, albedo: float) -> float:
     """Return nu in flatland: the same matrix, of Fourier moments, 1/2 beside the diagonal but for the first one's root.
 
-    Isotropic: nu^2 = 1 - a^2.
+    Isotropic: ``nu^2 = 1 - a^2``.
     """
     if albedo == 1:
         return 0.0
@@ -103,7 +103,7 @@ def crossing_variance(nu: float, depth: float) -> float:
 
     Paths that absorb by a coin and start exponentially deep are as many at the optical depth t as the light there. A
     connection from there is worth e^(-(depth - t)). The contribution w of a path then has
-    Var w / (E w)^2 ~ e^(nu depth) max(1 - nu, 1/depth)^2 / (2 - nu).
+    ``Var w / (E w)^2 ~ e^(nu depth) max(1 - nu, 1/depth)^2 / (2 - nu)``.
     """
     variance = _unaided_variance(nu, depth)
     return variance if variance > _SEEN else 0.0
@@ -112,9 +112,8 @@ def crossing_variance(nu: float, depth: float) -> float:
 def draws_across(medium: PlaneMedium) -> bool:
     """Return whether drawing paths across a slab is worth it: from a relative variance of one a path on.
 
-    The same error of C_I then takes less time: at g 0.9 as much as before at optical depth 5 and albedo 0.3, a third at
-    optical depth 20 and albedo 0.99, a tenth at 0.9; of isotropic particles a hundredth at 20 and 0.95. Above all its
-    error rests on many paths.
+    The same error of C_I then takes less time behind deep and absorbing slabs: a third at an optical depth of 20 for g
+    0.9; a tenth if the albedo falls from 0.99 to 0.9. Above all its error rests on many paths.
     """
     slab = as_slab(medium)
     if slab is None or slab.polarisation != "scalar":
@@ -199,7 +198,7 @@ def _largest(beside: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def _series(moments: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """Sum of (2 l + 1)/2 m_l P_l(mu)."""
+    """Sum of ``(2 l + 1)/2 m_l P_l(mu)``."""
     return legendre.legval(mu, _factors(moments))
 
 

@@ -1,8 +1,8 @@
 """Number of instants that make up an exposure of speckle that moves: as few as its contrast allows.
 
-n instants at the midpoints of n parts of an exposure T, added up, have a squared contrast K^2 that is too high by an
-amount of order 1 / n^2 (:mod:`specklegen.theory.speckle_contrast`). n follows from g1, that of a pilot's classes of
-momentum transfer at a few lights and views,
+n instants at the midpoints of n parts of an exposure T, added up, have a squared contrast ``K^2`` that is too high by
+an amount of order ``1 / n^2`` (:mod:`specklegen.theory.speckle_contrast`). n follows from g1, that of a pilot's classes
+of momentum transfer at a few lights and views,
 
     K^2 = sum_ab p_a p_b F(2 (Y_a + Y_b) x(T))
 

@@ -22,8 +22,8 @@ A flow carries particles by V(x) tau, to which there is nothing random. It turns
 
 a Doppler shift of its own, which nothing forgets: what decorrelates is that paths have different ones. Of a uniform V
 the sum is (i - v) . V, whatever the path: the pattern moves, and that is all. Of the shear V = rate z along x, on the
-axis, D = rate M, M the sum of s w_x w_z over all legs (Wu, Pine, Chaikin, Huang, Weitz, J. Opt. Soc. Am. B 7, 15
-(1990)). Displacements are small: beside the mean free path, and beside what the flow itself changes over.
+axis, D = rate M, M the sum of s w_x w_z over all legs (Wu, Pine, Chaikin, Huang, Weitz, J. Opt. Soc. Am. B
+7, 15 (1990)). Displacements are small: beside the mean free path, and beside what the flow itself changes over.
 """
 
 from __future__ import annotations
@@ -311,7 +311,7 @@ def flow_rows(motions: Sequence[Motion | None], dimension: int) -> np.ndarray:
 
 
 def reduced_time(owner: str, motion: Motion, wavelength: float, lag: ArrayLike) -> np.ndarray:
-    """X = k^2 <Dr^2(tau)> / 6, float64[...], of lags float64[...], whose signs do not matter."""
+    """Return ``x = k^2 <Dr^2(tau)> / 6``, float64[...], of lags float64[...], whose signs do not matter."""
     lag = np.abs(np.asarray(lag, np.float64))
     with np.errstate(over="ignore"):
         x = np.square(2 * np.pi / wavelength) * np.asarray(motion.mean_square(lag), np.float64) / 6

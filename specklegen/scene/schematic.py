@@ -22,7 +22,7 @@ _MOST = 5
 
 
 def draw_scene(axes: "Axes", scene: "Scene") -> None:
-    """Draw the sketch; the medium is the square from (0, -1) to (1, 1) of the axes."""
+    """Draw the sketch; the medium is the square from ``(0, -1)`` to ``(1, 1)`` of the axes."""
     _draw_medium(axes, scene)
     _draw_light(axes, scene)
     _draw_sensor(axes, scene)

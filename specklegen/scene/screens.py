@@ -4,8 +4,8 @@ A screen multiplies the field by t = e^(i phi(x)), phi a Gaussian field of rms s
 
     gamma(r) = <t(x + r) t*(x)> = exp{ -sigma^2 [1 - e^(-r^2 / xi^2)] }
 
-Goodman, *Speckle Phenomena in Optics* (2nd ed., 2020), section 4.5.1. A rough face of height h and index n over that of
-its surroundings has phi = k (n - 1) h; under a tilt of sine s it is k h [(n^2 - s^2)^(1/2) - (1 - s^2)^(1/2)].
+Goodman, *Speckle Phenomena in Optics* (2020), section 4.5. A rough face of height h and index n over that of its
+surroundings has ``phi = k (n - 1) h``; under a tilt of sine s it is ``k h [(n^2 - s^2)^(1/2) - (1 - s^2)^(1/2)]``.
 Light walks off sideways inside a screen by less than its correlation length, or it is no thin screen: the rms height
 times the rms angle is far below xi.
 """

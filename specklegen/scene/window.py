@@ -7,10 +7,10 @@ A beam has the amplitude b(x) on the entrance face, b = 1 at its peak, and a wid
     disc       1 for r < W/2         pi W^2 / 4    2 J1(pi W f) / (pi W f)         2/pi (acos t - t sqrt(1 - t^2))
     gaussian   exp(-4 r^2 / W^2)     pi W^2 / 8    exp(-(pi W f / 2)^2)            exp(-4 t^2)
 
-with f in cycles per length and sinc(x) = sin(pi x) / (pi x). The transforms are those of Goodman, *Introduction to
-Fourier Optics* (2005), section 2.1.5, and the overlap of the disc is the optical transfer function of a circular
-pupil there (section 6.3.2). The Gaussian's W is its 1/e^2 intensity diameter, so b^2 is the amplitude of a Gaussian
-narrower by the root of 2; the others are their own squares. In flatland a disc is a slit, as a square is.
+with f in cycles per length and ``sinc(x) = sin(pi x) / (pi x)``. The transforms are those of Goodman, *Introduction to
+Fourier Optics* (2005), section 2.1; the overlap of the disc is the optical transfer function of a circular pupil there,
+section 6.3. The Gaussian's W is its ``1/e^2`` intensity diameter, so ``b^2`` is the amplitude of a Gaussian narrower by
+the root of 2; the others are their own squares. In flatland a disc is a slit, as a square is.
 """
 
 import math

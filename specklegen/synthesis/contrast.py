@@ -81,7 +81,7 @@ def speckle_variance(
 ) -> torch.Tensor:  # fmt: skip
     """V by the differences (row, column) of two object pixels, neither below 0: float64[M, h, w].
 
-    Of K that is not the same in all directions at differences 0, 1, ..., -2, -1: float64[M, 2h - 1, 2w - 1].
+    Of K that is not the same in all directions at differences ``0, 1, ..., -2, -1``: float64[M, 2h - 1, 2w - 1].
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def kept_by_pixels(sight: Sight, correlations: Correlations) -> torch.Tensor:
 
 
 def _wrapped(period: int, device: torch.device) -> torch.Tensor:
-    """Lengths of differences 0, 1, ..., -2, -1, int64[period]."""
+    """Lengths of differences ``0, 1, ..., -2, -1``, int64[period]."""
     number = torch.arange(period, device=device)
     return torch.minimum(number, period - number)
 
@@ -164,7 +164,7 @@ def _lags_on_the_cpu(
 def lag_transform(
     power: torch.Tensor, size: torch.Tensor, wavevector: torch.Tensor, pixel: torch.Tensor, count: int
 ) -> torch.Tensor:
-    """Sum over lags s along one axis of A(s) a(s)^2 cos(kappa s), for differences 0, 1, ... of two object pixels.
+    """Sum over lags s along an axis of ``A(s) a(s)^2 cos(kappa s)``, for differences 0, 1, ... of two object pixels.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def _contrast_on_the_cpu(light: torch.Tensor, variance: torch.Tensor) -> torch.T
 def speckle_contrast(light: torch.Tensor, variance: torch.Tensor) -> torch.Tensor:
     """Expected contrast float64[B] of images of objects real[B, h, w], over media, of what one camera pixel sees.
 
-    Its square is sum_jl O_j O_l V(j - l) / (sum O)^2, V float64[B, h, w] or [B, 2h - 1, 2w - 1] from
+    Its square is ``sum_jl O_j O_l V(j - l) / (sum O)^2``, V float64[B, h, w] or ``[B, 2h - 1, 2w - 1]`` from
     :func:`speckle_variance`.
     """
     rows, columns = light.shape[1:]

@@ -216,7 +216,7 @@ def on_differences(correlations: Correlations, shape: tuple[int, int], step: tor
 
 
 def on_signed_differences(correlations: Correlations, shape: tuple[int, int], step: torch.Tensor) -> torch.Tensor:
-    """K float64[M, 2h - 1, 2w - 1] at the differences of two pixels 0, 1, ..., -2, -1 along either axis: of any K."""
+    """Any K, float64[M, 2h - 1, 2w - 1], at the differences of two pixels ``0, 1, ..., -2, -1`` along either axis."""
     h, w = (torch.cat([torch.arange(n), torch.arange(1 - n, 0)]).double().to(step.device) for n in shape)
     dy, dx = (step[:, None] * n for n in (h, w))
     return correlations.planar(*torch.broadcast_tensors(dx[:, None], dy[:, :, None]))
@@ -460,7 +460,7 @@ def _expanded(matrix: torch.Tensor, lattice: Lattice, degree: int, tolerance: fl
 
 
 def _raised(correlations: Correlations, known: torch.Tensor, lattice: Lattice, degree: int, tolerance: float) -> Modes:
-    """Modes of one medium, of the first degree after ``degree`` that is enough: of 6, 9, 13, 19, ..."""
+    """Modes of one medium, of the first degree after ``degree`` that is enough: of ``6, 9, 13, 19, ...``."""
     squares = sum_of_squares(correlations, lattice)
     while True:
         matrix = coefficients(known, lattice, degree)

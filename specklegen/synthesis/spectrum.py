@@ -4,20 +4,20 @@ Over a spectrum S the field at one view is a Gaussian process in the wavenumber 
 
     C(dk) = E[w e^(i dk s)] / E[w],      |C|^2 is the intensity's         physics.md 8
 
-s the optical path length inside the slab. The eigenvectors of S^(1/2) C S^(1/2), with eigenvalues mu_n, are
-modes of light that do not interfere: the image is an incoherent sum over independent speckle
+s the optical path length inside the slab. The eigenvectors of ``S^(1/2) C S^(1/2)``, with eigenvalues mu_n, are modes
+of light that do not interfere: the image is an incoherent sum over independent speckle
 
     I = sum_n mu_n |u_n|^2,     contrast^2 = sum_n mu_n^2
 
-They are found from the same operator seen from the paths, w^(1/2) S^(s - s') w^(1/2) phi_n = mu_n phi_n with
-S^ the Fourier transform of S, which needs no grid of wavenumbers. Each mode is a gate in time of flight,
-w(s) gamma_n(s) = mu_n phi_n(s)^2, and its speckle has the memory effect of the paths that pass it:
+They are found from the same operator seen from the paths, ``w^(1/2) S^(s - s') w^(1/2) phi_n = mu_n phi_n`` with S^ the
+Fourier transform of S, which needs no grid of wavenumbers. Each mode is a gate in time of flight, w(s) gamma_n(s) =
+mu_n phi_n(s)^2, and its speckle has the memory effect of the paths that pass it:
 
     K_n(q) = E[w gamma_n(s) J0(q r)] / E[w gamma_n(s)]
 
-Long paths come out far away, so late gates have the shorter memory-effect range; one K for all modes would
-understate |K|^2 by a quarter at half range (OD 10, g = 0.9). The gates add up to 1, so the K_n to K. What is
-neglected is the interference of different modes between different tilts: 1 % of |K|^2 at half range.
+Long paths come out far away, so late gates have the shorter memory-effect range; one K for all modes would understate
+``|K|^2`` by a quarter at half range behind a forward slab of an optical depth of 10. The gates add up to 1, so the K_n
+to K. What is neglected is the interference of different modes between different tilts: 1 % of |K|^2 at half range.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class SpectralCorrelation:
         return (np.exp(1j * np.asarray(dk)[..., None] * self.excess) @ share) / self.joint.sum()
 
     def half_width(self) -> float:
-        """Difference of the wavenumber at which |C|^2 falls to 1/2; inf where it never does."""
+        """Difference of the wavenumber at which ``|C|^2`` falls to a half; inf where it never does."""
         mean = self.weights.sum(axis=0) @ self.excess / self.weights.sum()
         if not mean > 0:
             return float("inf")

@@ -6,7 +6,7 @@ Every path of length s is taken to have the momentum transfer Y = s / l*, and le
     half space:    g1 = e^-a / (1 + ha),                   a = sqrt(6 x),  x = D k^2 tau = tau / tau0
 
 with light that starts l* deep, Lambda = L / l* and the extrapolation length h l*. Any mean square displacement enters
-by x = k^2 <dr^2> / 6. Source: Weitz and Pine, in *Dynamic Light Scattering* (Brown, ed., 1993), ch. 16, Eqs. 16.35 and
+by ``x = k^2 <dr^2> / 6``. Source: Weitz and Pine, in *Dynamic Light Scattering* (Brown, ed., 1993), Eqs. 16.35 and
 16.39a. The truth (transfer equation, tests) is some per cent off: from Lambda = 10 on 5 % of what is inferred.
 """
 

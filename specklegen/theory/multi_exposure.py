@@ -3,9 +3,9 @@
     K^2(T) = beta {rho^2 F(2x) + 2 rho (1 - rho) F(x) + (1 - rho)^2},    x = T / tau_c
 
 of light whose share rho moves with one exponential, g1 = e^(-tau / tau_c), and the rest of which stands still
-(:func:`~specklegen.theory.speckle_contrast.exponential_contrast_squared`; Parthasarathy et al., Opt. Express 16, 1975
-(2008), Eq. 6). What is fitted is K^2 over the measured one, since its error is in proportion to it. Light that scatters
-often has no single exponential: what the model then says of it is in docs/contrast.md.
+(:func:`~specklegen.theory.speckle_contrast.exponential_contrast_squared`; Parthasarathy et al., Opt. Express
+16, 1975 (2008), Eq. 6). What is fitted is K^2 over the measured one, since its error is in proportion to it. Light that
+scatters often has no single exponential: what the model then says of it is in docs/contrast.md.
 """
 
 from typing import Annotated, NamedTuple

@@ -6,9 +6,10 @@ of sine i' = i - delta, at points r apart on the exit plane, in the paraxial reg
     <E_i(X + r/2) E*_i'(X - r/2)> = exp(ik i . r) prod_m gamma_m(r - a_m),      a_m = D_m delta + s_m               (1)
 
 s_m being how far screen m has moved between the two: a tilt shears the coherence, and every screen multiplies it. The
-Fourier transform of (1) over r is what a far field sees at the view v, its mean f(v - i) and, over that, K_v(delta).
-As e^(sigma^2 rho) is a power series of Gaussians, the transform is a mixture of Gaussians: screen m deflects the light
-n_m times, n_m a Poisson number of mean sigma_m^2, each time by a Gaussian angle of variance 2 / (k xi_m)^2 an axis,
+Fourier transform of (1) over r is what a far field sees at the view v, its mean f(v - i) and, over that, K_v(delta). As
+``e^(sigma^2 rho)`` is a power series of Gaussians, the transform is a mixture of Gaussians: screen m deflects the light
+n_m times, n_m a Poisson number of mean ``sigma_m^2``, each time by a Gaussian angle of variance ``2 / (k xi_m)^2`` an
+axis,
 
     f(p) K(p, a) = sum_n P(n) N(p; T) exp{ -ik p . c - k^2 V / 2 },     e_m = 2 n_m / (k xi_m)^2,  T = sum e_m,
     c = sum e_m a_m / T,     V = sum e_m |a_m|^2 - |sum e_m a_m|^2 / T                                             (2)
@@ -74,8 +75,9 @@ def tilt_ways(stack: ScreenStack, tilt: Annotated[np.ndarray, SINE]) -> np.ndarr
 def spread(stack: ScreenStack, wavelength: Annotated[float, WAVELENGTH]) -> tuple[float, float, float]:
     """Lateral walk R to the exit plane of strongly scattered light: its two variances an axis, and its pivot.
 
-    Over all views Var R_x = sum theta_m^2 D_m^2; at a fixed view that less (sum theta_m^2 D_m)^2 / sum theta_m^2, and
-    the mean <R> = (v - i) pivot. |K| = exp{-(k delta)^2 Var / 2} where all sigma >= 3.
+    Over all views ``Var R_x = sum theta_m^2 D_m^2``; at a fixed view that less
+    ``(sum theta_m^2 D_m)^2 / sum theta_m^2``, and the mean ``<R> = (v - i) pivot``. ``|K| = exp{-(k delta)^2 Var / 2}``
+    where all sigma >= 3.
     """
     angles = np.square([each.rms_angle(wavelength) for each in stack.stack.screens])  # type: ignore[union-attr]
     distance, total = stack.distances, angles.sum()

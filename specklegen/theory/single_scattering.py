@@ -91,7 +91,7 @@ def _quadruples(owner: str, dimension: int, lights, views) -> list[np.ndarray]:
 
 
 def _integrate_boxes(size: np.ndarray, extinction: float, away: np.ndarray, wave: np.ndarray) -> np.ndarray:
-    """Integrals over 0 <= x <= size of exp(i wave.x - sigma_t/2 sum of exit distances along ``away`` [Q, 4, d])."""
+    """Integrals over the box of ``exp(i wave.x - sigma_t/2 sum of exit distances along away)``, away [Q, 4, d]."""
     axes = range(len(size))
     # Kuhn's simplices, one for each order of the axes: x_a >= x_b >= ...
     steps = np.eye(len(size))[list(permutations(axes))]

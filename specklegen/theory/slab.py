@@ -17,7 +17,7 @@ EXTRAPOLATION = 0.7104
 
 
 def memory_effect_diffusion(q: ArrayLike, *, extrapolation: float = 0.0) -> np.ndarray:
-    """C_I = X^2 / sinh^2 X, X = q (1 + 2 e): the memory effect of a slab by diffusion, float64 of the shape of ``q``.
+    """Memory effect of a slab by diffusion, ``C_I = X^2 / sinh^2 X`` with ``X = q (1 + 2 e)``, of the shape of ``q``.
 
     [Bar19] Eq. 39, with e = 0 and light that enters and leaves at the faces themselves: above the truth by up to 0.04
     at an optical depth of 10. With the extrapolation length e = z0 / OD alone it falls below, by up to 0.05 there: the
@@ -38,10 +38,11 @@ def memory_effect_diffusion(q: ArrayLike, *, extrapolation: float = 0.0) -> np.n
 def memory_effect_thick_slab(q: ArrayLike, optical_depth: float) -> np.ndarray:
     """C_I = [X / sinh X * f^2]^2 of a slab of finite depth, float64 of the shape of ``q``.
 
-    X = kappa (OD + 2 z0), kappa = q / OD, f = [sinh(kappa z0) + kappa cosh(kappa z0)] / [(1 - kappa^2) kappa (1 + z0)]:
-    diffusion with exponential depths of first and last vertices and no fitted parameter. Within 0.001 at an optical
-    depth of 10 and 0.0002 at 20 of the transfer equation (``tests/references/correlation_transfer.py``). Raise a
-    `RuleError` for an optical depth not above 0, or a q beyond the formula's reach.
+    ``X = kappa (OD + 2 z0)``, ``kappa = q / OD``,
+    ``f = [sinh(kappa z0) + kappa cosh(kappa z0)] / [(1 - kappa^2) kappa (1 + z0)]``: diffusion with exponential depths
+    of first and last vertices and no fitted parameter. Within 0.001 of the transfer equation from an optical depth of
+    10 on (``tests/references/correlation_transfer.py``). Raise a `RuleError` for an optical depth not above 0, or a q
+    beyond the formula's reach.
 
     Parameters
     ----------
@@ -63,7 +64,7 @@ def memory_effect_thick_slab(q: ArrayLike, optical_depth: float) -> np.ndarray:
 
 
 def _x_over_sinh(x: np.ndarray) -> np.ndarray:
-    """Return x / sinh x = 2 x e^-x / (1 - e^-2x), without overflow, 1 at 0."""
+    """Return ``x / sinh x = 2 x e^-x / (1 - e^-2x)``, without overflow, 1 at 0."""
     x = np.abs(x)
     safe = np.where(x > 0, x, 1.0)
     return np.where(x > 0, -2 * safe * np.exp(-safe) / np.expm1(-2 * safe), 1.0)
@@ -77,8 +78,8 @@ def _require_depth(owner: str, optical_depth: float) -> None:
 def internal_reflection(inside: float, outside: float = 1.0, wall: float | None = None) -> float:
     """Rbar = (R_phi + R_j) / (2 - R_phi + R_j): the share of diffuse light that a face turns back.
 
-    R_phi = 2 int R mu dmu, R_j = 3 int R mu^2 dmu, R that of unpolarised light. Zhu, Pine and Weitz, Phys. Rev. A 44,
-    3948 (1991); Haskell et al., JOSA A 11, 2727 (1994). 0.4311, 0.4935, 0.5678 at indices of 1.33, 1.4, 1.5 in air.
+    ``R_phi = 2 int R mu dmu``, ``R_j = 3 int R mu^2 dmu``, R that of unpolarised light. Zhu, Pine and Weitz, Phys. Rev.
+    A 44, 3948 (1991); Haskell et al., JOSA A 11, 2727 (1994). Water in air: 0.4311; glass of index 1.5: 0.5678.
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ def internal_reflection(inside: float, outside: float = 1.0, wall: float | None 
 
 
 def extrapolation_at_faces(inside: float, outside: float = 1.0, wall: float | None = None) -> float:
-    """Extrapolation length over the transport length, h = z0 + (4/3) Rbar / (1 - Rbar), z0 Milne's 0.7104."""
+    """Extrapolation length over the transport length, ``h = z0 + (4/3) Rbar / (1 - Rbar)``, z0 Milne's 0.7104."""
     back = internal_reflection(inside, outside, wall)
     return EXTRAPOLATION + 4 / 3 * back / (1 - back)
 
@@ -111,9 +112,9 @@ def extrapolation_at_faces(inside: float, outside: float = 1.0, wall: float | No
 def memory_effect_at_faces(q: ArrayLike, optical_depth: float, extrapolation: float) -> np.ndarray:
     """C_I = K^2 of a slab whose faces reflect, float64 of the shape of ``q``.
 
-    K = (OD + 2h) kappa / {(1 - kappa^2)^2 [(1 + h^2 kappa^2) sinh(kappa OD) + 2 h kappa cosh(kappa OD)]} with kappa = q
-    / OD: diffusion with exponential depths of first and last vertices. Within 0.004 at an optical depth of 20 and 0.015
-    at 10. Raise a `RuleError` for an optical depth not above 0, or a q beyond the formula's reach.
+    ``K = (OD + 2h) kappa / {(1 - kappa^2)^2 [(1 + h^2 kappa^2) sinh(kappa OD) + 2 h kappa cosh(kappa OD)]}`` with
+    ``kappa = q / OD``: diffusion with exponential depths of first and last vertices. Within 0.015 at an optical depth
+    of 10; within 0.004 at 20. Raise a `RuleError` for an optical depth not above 0, or a q beyond the formula's reach.
 
     Parameters
     ----------

@@ -1,14 +1,15 @@
 """Contrast of speckle that moves during an exposure: closed forms of laser speckle contrast imaging.
 
-A camera that integrates the intensity over an exposure T sees K^2 = <I^2>/<I>^2 - 1, for Gaussian fields of correlation
-g1(tau) (Bandyopadhyay et al., Rev. Sci. Instrum. 76, 093110 (2005), Eq. 5; u = tau / T, beta = 1)
+A camera that integrates the intensity over an exposure T sees ``K^2 = <I^2>/<I>^2 - 1``, for Gaussian fields of
+correlation g1(tau) (Bandyopadhyay et al., Rev. Sci. Instrum. 76, 093110 (2005), Eq. 5; u = tau / T, beta = 1)
 
     K^2(T) = 2 int_0^1 (1 - u) |g1(uT)|^2 du,       F(y) = 2 int_0^1 (1 - u) e^(-yu) du = 2 (e^-y - 1 + y) / y^2
 
-One exponential, |g1|^2 = e^(-2 tau / tau_c), thus has K^2 = F(2T / tau_c). A medium whose light belongs to classes of
-shares p_a and momentum transfers Y_a; g1 = sum_a p_a e^(-2 Y_a tau / tau0), has sum_ab p_a p_b F(2 (Y_a + Y_b) T /
-tau0), tau0 = 1 / (D k^2). n frames at the midpoints of n parts of the exposure, added up, are the trapezoidal rule of
-the same integral: as (1 - u) |g1|^2 is convex they overstate K^2, by an amount of order 1 / n^2.
+One exponential, ``|g1|^2 = e^(-2 tau / tau_c)``, thus has ``K^2 = F(2T / tau_c)``. A medium whose light belongs to
+classes of shares p_a and momentum transfers Y_a, ``g1 = sum_a p_a e^(-2 Y_a tau / tau0)``, has
+``sum_ab p_a p_b F(2 (Y_a + Y_b) T / tau0)``, ``tau0 = 1 / (D k^2)``. n frames at the midpoints of n parts of the
+exposure, added up, are the trapezoidal rule of the same integral: as ``(1 - u) |g1|^2`` is convex they overstate
+``K^2``, by an amount of order ``1 / n^2``.
 
 Functions that end in ``_squared`` return K^2; beta, what pixels, polarisation and bandwidth leave of the contrast of
 light at rest, multiplies it. The static share's model: Parthasarathy et al., Opt. Express 16, 1975 (2008), Eq. 6.
@@ -40,9 +41,9 @@ _TRACES = 1e-3  # relative error of the traces of g1
 
 
 def exposure_average(y: ArrayLike) -> np.ndarray:
-    """F(y) = 2 (e^-y - 1 + y) / y^2, float64 of the shape of ``y``: the mean of e^-(y |s - t|) over s, t in [0, 1].
+    """Return ``F(y) = 2 (e^-y - 1 + y) / y^2`` of an array: the mean of ``e^-(y |s - t|)`` over the unit square.
 
-    1 at y = 0, about 2 / y far above 1, 0 at infinity; right to rounding everywhere.
+    It is 1 at y = 0; about ``2 / y`` far above 1; right to rounding everywhere.
 
     Examples
     --------
@@ -69,7 +70,8 @@ def exponential_contrast_squared(
 ) -> np.ndarray:  # fmt: skip
     """K^2 of one exponential beside light that stands still, float64 of the broadcast shape.
 
-    beta {rho^2 F(2x) + 2 rho (1 - rho) F(x) + (1 - rho)^2}, x = T / tau_c: the multi-exposure model without its noise.
+    ``beta {rho^2 F(2x) + 2 rho (1 - rho) F(x) + (1 - rho)^2}``, ``x = T / tau_c``: the multi-exposure model without its
+    noise.
 
     Parameters
     ----------
@@ -103,8 +105,8 @@ def correlation_time(
     """tau_c of a measured K^2, float64 of the broadcast shape: the inverse of :func:`exponential_contrast_squared`.
 
     By Newton's rule from below: the model is convex and falls, so that every step stays below the root. A noisy K^2 may
-    lie outside what the model reaches: at or above beta nothing has moved (infinity), at or below beta (1 - rho)^2 all
-    that moves is infinitely fast (0).
+    lie outside what the model reaches: at or above beta nothing has moved (infinity), at or below ``beta (1 - rho)^2``
+    all that moves is infinitely fast (0).
 
     Parameters
     ----------
@@ -145,7 +147,7 @@ def correlation_time(
 
 
 def _log_slope(y: np.ndarray) -> np.ndarray:
-    """Log-slope y F'(y) = -2 y int u (1 - u) e^(-yu) du; above 1 as 2 (1 - e^-y) / y - 2 F."""
+    """Log-slope ``y F'(y) = -2 y int u (1 - u) e^(-yu) du``; above 1 as ``2 (1 - e^-y) / y - 2 F``."""
     series = np.zeros_like(y)
     small = np.minimum(y, _SERIES_BELOW)
     for n in range(_TERMS, 0, -1):  # F' = -2 sum_n (n + 1) (-y)^n / (n + 3)!
@@ -160,8 +162,8 @@ def diffusing_contrast_squared(
 ) -> np.ndarray:  # fmt: skip
     """K^2 of light that diffuses back from a half space, g1 = e^(-gamma sqrt(6 tau / tau0)), float64 of that shape.
 
-    4 {[1 - e^-b (1 + b)] / b^2 - [6 - e^-b (b^3 + 3 b^2 + 6 b + 6)] / b^4}, b = 2 gamma sqrt(6 T / tau0): incomplete
-    gamma functions of 2 and 4, without cancellation.
+    ``4 {[1 - e^-b (1 + b)] / b^2 - [6 - e^-b (b^3 + 3 b^2 + 6 b + 6)] / b^4}``, ``b = 2 gamma sqrt(6 T / tau0)``:
+    incomplete gamma functions of 2 and 4, without cancellation.
 
     Parameters
     ----------
@@ -186,7 +188,7 @@ def diffusing_contrast_squared(
 
 @with_units
 def contrast_squared(field: FieldCorrelation, exposure: Annotated[float, TIME]) -> float:
-    """K^2 of any field correlation, 2 int_0^1 (1 - u) |g1(uT)|^2 du.
+    """Squared contrast of any field correlation, ``2 int_0^1 (1 - u) |g1(uT)|^2 du``.
 
     On Gauss panels that shrink towards lag 0: to about 1e-13 for sums of exponentials and e^-sqrt, of whatever times.
     Raise a `RuleError` for an exposure outside its range, or a correlation that is no number somewhere.
@@ -213,7 +215,7 @@ def contrast_squared(field: FieldCorrelation, exposure: Annotated[float, TIME]) 
 def class_contrast_squared(transfer: ArrayLike, shares: ArrayLike, exposure: ArrayLike) -> np.ndarray:
     """K^2 = sum_ab p_a p_b F(2 (Y_a + Y_b) T / tau0) of classes of light, float64 of the shape of ``exposure``.
 
-    By one quadrature for all pairs, in about n (60 + 5 log10 Y T) steps where their matrix takes n^2: a hundred
+    By one quadrature for all pairs, in about ``n (60 + 5 log10 Y T)`` steps where their matrix takes ``n^2``: a hundred
     thousand paths are as good as ten classes.
 
     Parameters
@@ -263,7 +265,7 @@ def class_field(transfer: ArrayLike, shares: ArrayLike) -> FieldCorrelation:
 def sub_frame_contrast_squared(field: FieldCorrelation, exposure: Annotated[float, TIME], frames: int) -> float:
     """K^2 of an exposure made of ``frames`` instants at the midpoints of as many parts, of equal weight.
 
-    (1/n) [|g1(0)|^2 + 2 sum_m (1 - m/n) |g1(mT/n)|^2], m = 1 ... n - 1; one instant has K^2 = 1.
+    ``(1/n) [|g1(0)|^2 + 2 sum_m (1 - m/n) |g1(mT/n)|^2]``, ``m = 1 ... n - 1``; one instant has K^2 = 1.
 
     Parameters
     ----------
@@ -341,11 +343,11 @@ class ContrastEstimate(NamedTuple):
 def contrast_estimate(contrast_squared: ArrayLike, grains: ArrayLike) -> ContrastEstimate:
     """Mean and standard deviation of a K^2 that is estimated from N independent grains, by its value alone.
 
-    Integrated intensity as a gamma law of M = 1 / K^2 equal modes: exact at rest (M = 1) and of M equal modes. The mean
-    of such numbers is independent of their ratios, so that both moments are exact at every N: those of s^2 and s^4 over
-    those of m^2 and m^4. For large N the variance is 2 K^4 (1 + K^2) / N. Modes that are not equal vary more: of one
-    exponential field correlation the standard deviation is low by a sixth at T = 3 tau_c, the most
-    (:func:`motion_contrast_estimate` has them all).
+    Integrated intensity as a gamma law of ``M = 1 / K^2`` equal modes: exact at rest (M = 1) and of M equal modes. The
+    mean of such numbers is independent of their ratios, so that both moments are exact at every N: those of ``s^2`` and
+    ``s^4`` over those of ``m^2`` and ``m^4``. For large N the variance is ``2 K^4 (1 + K^2) / N``. Modes that are not
+    equal vary more: of one exponential field correlation the standard deviation is low by a sixth at T = 3 tau_c, the
+    most (:func:`motion_contrast_estimate` has them all).
 
     Parameters
     ----------
@@ -419,7 +421,7 @@ def motion_contrast_estimate(
 
 
 def exposure_nodes(halvings: int = _HALVINGS) -> tuple[np.ndarray, np.ndarray]:
-    """Lags over the exposure u and weights float64[n], so that K^2 = sum weights |g1(uT)|^2 (2 (1 - u) du).
+    """Lags over the exposure u and weights float64[n], so that ``K^2 = sum weights |g1(uT)|^2`` (of ``2 (1 - u) du``).
 
     Gauss panels that halve towards lag 0 so often.
 
@@ -435,7 +437,7 @@ def exposure_nodes(halvings: int = _HALVINGS) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _graded(halvings: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss nodes and weights on [0, 1], on panels that halve towards 0 so often."""
+    """Gauss nodes and weights on the unit interval, on panels that halve towards 0 so often."""
     edges = np.append(0.0, 0.5 ** np.arange(halvings, -1, -1.0))
     node, weight = gauss_legendre(_NODES)
     half = np.diff(edges)[:, None] / 2

@@ -9,7 +9,7 @@ field along theta and phi of spherical coordinates about the z axis, complex128[
 G and its unit vectors belong to the direction in which the receiver looks, against the path's arrival. So emitter and
 receiver may change places.
 
-Received power is |h|^2 wavelength^2 / 4 pi. Source: C. A. Balanis, *Antenna Theory*, sections 2.12 to 2.17.
+Received power is ``|h|^2 wavelength^2 / 4 pi``. Source: C. A. Balanis, *Antenna Theory*, sections 2.12 to 2.17.
 """
 
 from __future__ import annotations

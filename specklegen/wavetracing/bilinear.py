@@ -6,8 +6,8 @@ Rays that carry amplitudes f_1 ... f_n, drawn independently, estimate a field u 
     I = (|S|^2 - sum |f_j|^2) / (n (n - 1)),   S = sum f_j,
 
 but it can be negative. Source: S. Steinberg, M. Pharr, *Wave Tracing*, Eqs. 2-5. Deviation: the three properties that
-the paper asks of the bilinear form do not make I >= 0 (F = 1 on, -1 off the diagonal of three paths sums to -3); F must
-be positive semidefinite.
+the paper asks of the bilinear form do not make I >= 0 (F of three paths, positive on the diagonal and as negative off
+it, has a negative sum); F must be positive semidefinite.
 """
 
 from __future__ import annotations

@@ -2,11 +2,11 @@
 
     u = sum over paths of a e^{ik |path|},   |u|^2 the power flux,
 
-a = sqrt(P / 4 pi) / |path| by mirrors, times -1 for each if soft (u = 0 there), +1 if hard (du/dn = 0). Past an edge
-the path carries u_i(Q) D A e^{iks}, with mirrors before and behind; past two edges, perhaps with mirrors in between,
-the D of `specklegen.wavetracing.kernels.double_edges`, uniform where both edges are nearly in line. A wave of radius r
-in the plane of ray and edge spreads behind it as A = sqrt(r / (s (r + s))); at a first edge r is s', at a second one
-1/r = cos^2 psi / (s' + s) + sin^2 psi / s, psi between the edges across the ray. Paths are reciprocal.
+``a = sqrt(P / 4 pi) / |path|`` by mirrors, times -1 for each if soft (``u = 0`` there), +1 if hard (``du/dn = 0``).
+Past an edge the path carries u_i(Q) D A e^{iks}, with mirrors before and behind; past two edges, perhaps with mirrors
+in between, the D of `specklegen.wavetracing.kernels.double_edges`, uniform where both edges are nearly in line. A wave
+of radius r in the plane of ray and edge spreads behind it as ``A = sqrt(r / (s (r + s)))``; at a first edge r is s', at
+a second one ``1/r = cos^2 psi / (s' + s) + sin^2 psi / s``, psi between the edges across the ray. Paths are reciprocal.
 
 Surfaces are perfect, or of their material: reflection by Fresnel's coefficients, TE for "soft" and TM for "hard", and
 the images' parts of D multiplied by those of the faces, as `lossy_wedge_field` has it. Black and diffuse surfaces have

@@ -227,7 +227,7 @@ def _coverage(flux, error, wavelength: float, gain: float, ledger=None, statisti
 
 
 def received_power(flux: np.ndarray, wavelength: float, gain: float = 1.0) -> np.ndarray:
-    """Return E wavelength^2 G_r / 4 pi in watts, of power fluxes in W/m^2."""
+    """Return ``E wavelength^2 G_r / 4 pi`` in watts, of power fluxes in W/m^2."""
     return np.asarray(flux) * wavelength**2 * gain / (4 * np.pi)
 
 

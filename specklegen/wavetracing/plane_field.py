@@ -6,10 +6,10 @@ its far field.
 
 * ``boundary``: by the rim, exact to 1e-13 at any distance, for plane waves and light of a point
   (`specklegen.wavetracing.kernels.apertures`).
-* ``spectrum``: by plane waves, u = (1/4 pi^2) int Psi(xi) e^{i xi.r + iz sqrt(k^2 - xi^2)} d^2xi, any light, on planes
-  parallel to the screen; periodic, so that what leaves the padded window comes back (`.angular_spectrum`).
+* ``spectrum``: by plane waves, ``u = (1/4 pi^2) int Psi(xi) e^{i xi.r + iz sqrt(k^2 - xi^2)} d^2xi``, any light, on
+  planes parallel to the screen; periodic, so that what leaves the padded window comes back (`.angular_spectrum`).
 * ``utd``: geometric light plus one diffracted ray of each edge; soft or hard screens (`.edge_rays`).
-* ``fraunhofer``: (k/2 pi i)(e^{ikr}/r) cos(theta) Psi, right beyond some size^2 / wavelength.
+* ``fraunhofer``: ``(k/2 pi i)(e^{ikr}/r) cos(theta) Psi``, right beyond some size^2 / wavelength.
 
 When to believe which: docs/wavetracing.md.
 """

@@ -11,9 +11,9 @@ other wedges the error falls like 1/r and faster: rms 2e-3 at a wavelength, 1e-4
 Formulae, conventions and how boundaries are treated: `specklegen.wavetracing.kernels.wedges`. Time e^{-i omega t}.
 Source: Kouyoumjian and Pathak, Proc. IEEE 62, 1448 (1974).
 
-A wedge of a lossy material has no such theory. `lossy_wedge_field` multiplies the terms of the two images by the
-faces' coefficients of reflection, so that the field stays continuous [Luebbers, IEEE Trans. Antennas Propag. 32, 70
-(1984)], taken at the smaller of both angles to each face, so that source and receiver may change places [El-Sallabi and
+A wedge of a lossy material has no such theory. `lossy_wedge_field` multiplies the terms of the two images by the faces'
+coefficients of reflection, so that the field stays continuous [Luebbers, IEEE Trans. Antennas Propag. 32, 70 (1984)],
+taken at the smaller of both angles to each face, so that source and receiver may change places [El-Sallabi and
 Vainikainen, IEEE Trans. Antennas Propag. 53, 3105 (2005)]. It is a recipe, not a solution: right for a perfect wedge,
 for one that reflects nothing (half the sum of soft and hard), and at every boundary; surface waves and what runs
 through the wedge are not there.

@@ -1,6 +1,7 @@
 """A net that takes noise off pictures, given the measurement or not: the prior of objects, and its posterior.
 
-Flow matching (Lipman et al., ICLR 2023): between noise z and a picture u, brightness 0 to 1 as -1 to 1, lies
+Flow matching (Lipman et al., ICLR 2023): between noise z and a picture u, whose brightness is scaled to ``[-1, 1]``,
+lies
 
     x(t) = t u + (1 - t) z,      dx/dt = (u - x) / (1 - t),
 

@@ -6,7 +6,7 @@ retrieval. A dense net answers from the lags alone; all answers are moved onto o
     y = x improved by a few steps down the deviance,     x <- x + small convolutional net (x, y, gradient, answers, ...)
 
 so that data enter by physics, the memory effect, the grain, the noise and the window included, and only the prior is
-learned (Monga, Li and Eldar, *IEEE Signal Processing Magazine* 38, 18, 2021). Nothing depends on the camera: the nets
+learned (Monga, Li and Eldar, *IEEE Signal Processing Magazine* 38, 18 (2021)). Nothing depends on the camera: the nets
 see the object's frame. Answers of one object differ by shifts and a turn, which neither lags nor likelihood can tell.
 """
 

@@ -89,7 +89,7 @@ _WHOLE = Le(2**63 - 1)
 
 
 def _rules(metadata: list[Any]) -> str:
-    """Bounds of a number: " > 0", " in [0, 1)"."""
+    """Bounds of a number as text: ``" > 0"``, ``" in [0, 1)"``."""
     flat = [rule for item in metadata for rule in (item.metadata if isinstance(item, FieldInfo) else [item])]
     low = next(((rule.gt, "(", ">") if isinstance(rule, Gt) else (rule.ge, "[", ">=")
                 for rule in flat if isinstance(rule, Gt | Ge)), None)  # fmt: skip

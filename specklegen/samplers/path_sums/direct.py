@@ -1,6 +1,6 @@
 """The direct sum: the field of a bank at any lights and views. Slow, exact, the reference.
 
-u(t, v) = N^(-1/2) sum over connections of z sqrt(W) a_tv,    z = e^(2 pi i zeta), the same for all t and v
+``u(t, v) = N^(-1/2) sum over connections of z sqrt(W) a_tv``, with ``z = e^(2 pi i zeta)`` the same for all t and v.
 """
 
 import numpy as np

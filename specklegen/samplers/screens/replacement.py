@@ -1,10 +1,10 @@
 """A stack of screens in the place of a forward-scattering slab, and how far its speckle is from the slab's.
 
-M equal screens of sigma^2 = OD / M each, whose correlation length xi = (2 / (1 - g))^(1/2) / k gives the phase function
-of one deflection the slab's mean 1 - cos. Their gaps L / (M^2 - 1)^(1/2) and their middle at L / 2 leave both variances
-of the lateral walk as in the slab, L^2 / 12 and L^2 / 3 times OD theta^2. What is replaced is the shape of the phase
-function, which becomes Gaussian; wide angles, backscattering and absorption are left out: screens let all light
-through, and what the slab lets through is walked beside them. docs/screens.md.
+M equal screens of ``sigma^2 = OD / M`` each, whose correlation length ``xi = (2 / (1 - g))^(1/2) / k`` gives the phase
+function of one deflection the slab's mean ``1 - cos``. Their gaps ``L / (M^2 - 1)^(1/2)`` and their middle at ``L / 2``
+leave both variances of the lateral walk as in the slab, ``L^2 / 12`` and ``L^2 / 3`` times ``OD theta^2``. What is
+replaced is the shape of the phase function, which becomes Gaussian; wide angles, backscattering and absorption are left
+out: screens let all light through, and what the slab lets through is walked beside them. docs/screens.md.
 """
 
 from collections.abc import Mapping

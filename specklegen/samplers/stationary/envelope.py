@@ -4,8 +4,8 @@
 
 A slab is the same whichever way it is turned about its axis, so its mean intensity depends on those three alone. P has
 second degree in them and is fitted to what pilot paths find at a few lights and views, A being 1 where the correlation
-of the sampler is taken. Behind a narrow phase function P is about -|v - i|^2 / (2 theta^2): the light stays about its
-beam, as behind a thin screen (:mod:`specklegen.samplers.screens.correlation`); behind a thick slab the two part.
+of the sampler is taken. Behind a narrow phase function P is about ``-|v - i|^2 / (2 theta^2)``: the light stays about
+its beam, as behind a thin screen (:mod:`specklegen.samplers.screens.correlation`); behind a thick slab the two part.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ class Stationary(MediaSampler, name="stationary"):
         """Standard error of the correlation of fields under two tilts, at most; 0 of one tilt.
 
         All seeds share K, a mean of phasors with the weights of so many paths: where it is next to 0, its variance is
-        that of E w^2 / (N (E w)^2). The lookup table states what |K|^2 is off.
+        that of ``E w^2 / (N (E w)^2)``. The lookup table states what |K|^2 is off.
         """
         if self.complete or len(self.scene.beams.directions) < 2:
             return 0.0

@@ -1,7 +1,7 @@
 """When the stationary sampler is right: a test on pilot paths, not a table.
 
-Over probe pairs with tilts {0, t/2, t} from the first, views {centre, corners} and lateral mismatch kappa
-in {0, +-pi/W}, the exact correlation of pilot paths is compared with what the model says:
+Over probe pairs with tilts ``{0, t/2, t}`` from the first, views ``{centre, corners}`` and lateral mismatch kappa in
+``{0, +-pi/W}``, the exact correlation of pilot paths is compared with what the model says:
 
     C_exact = W^(kappa) E[sqrt(w_1 w_2) e^(-ik dv . r + ik(di_z z1 - dv_z(z_B - L)))] / sqrt(E w_1 E w_2)
     C_model = W^(kappa) K(di)
@@ -274,7 +274,7 @@ def probe_mismatches(scene: Scene) -> list[tuple[np.ndarray, float]]:
 
 
 def probe_tilts(scene: Scene, orders: np.ndarray, weight: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """Tilt differences 0, t/2 and t, t no further than where C_I is within 0.01 of its floor: float64[3, 2].
+    """Tilt differences ``{0, t/2, t}``, t no further than where C_I is within 0.01 of its floor: float64[3, 2].
 
     C_I is the model's: connections of ``orders`` and ``weight`` that lead ``way`` sideways.
     """

@@ -12,10 +12,10 @@ from specklegen.scene.scatterers.scatterer import Dimensions, Row, Scatterer, al
 
 
 class HenyeyGreenstein(Scatterer):
-    """Henyey and Greenstein's phase function, rho = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos)^(3/2)).
+    """Henyey and Greenstein's phase function, ``rho = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos)^(3/2))``.
 
-    In flatland its counterpart of the same mean cosine, rho = (1 - g^2) / (2 pi (1 + g^2 - 2 g cos)). The amplitude is
-    its root, real and positive.
+    In flatland its counterpart of the same mean cosine, ``rho = (1 - g^2) / (2 pi (1 + g^2 - 2 g cos))``. The amplitude
+    is its root, real and positive.
 
     Parameters
     ----------

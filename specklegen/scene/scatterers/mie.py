@@ -161,7 +161,7 @@ class Mie(_WithAnisotropy):
 
     @cached_property
     def _strength(self) -> float:
-        """Sum of (2n + 1)(|a_n|^2 + |b_n|^2): x^2/2 of the scattering efficiency."""
+        """Sum of ``(2n + 1)(|a_n|^2 + |b_n|^2)``: ``x^2/2`` of the scattering efficiency."""
         order = np.arange(1, self.coefficients.shape[1] + 1)
         return float(((2 * order + 1) * np.abs(self.coefficients) ** 2).sum())
 

@@ -9,9 +9,9 @@ from specklegen.scene.scatterers.scatterer import Dimensions, _WithAnisotropy
 
 
 class Rayleigh(_WithAnisotropy):
-    """A particle far smaller than the wavelength: rho = 3 (1 + cos^2) / (16 pi) of unpolarised light.
+    """A particle far smaller than the wavelength: ``rho = 3 (1 + cos^2) / (16 pi)`` of unpolarised light.
 
-    Its amplitudes are S1 = a, S2 = a cos: it sends nothing along the field. In flatland rho = (1 + cos^2) / (3 pi).
+    Its amplitudes are S1 = a, S2 = a cos: it sends nothing along the field. In flatland ``rho = (1 + cos^2) / (3 pi)``.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """Interface of a scatterer: a phase function with an amplitude, and the row of numbers that the kernels read.
 
-A particle has an amplitude s(cos theta), complex in general, with the integral of |s|^2 over all directions
-(4 pi, or 2 pi in flatland) equal to 1; its phase function is |s|^2. A family of particles is one class, and a family of
-one's own needs no more than its amplitude:
+A particle has an amplitude s(cos theta), complex in general, with the integral of ``|s|^2`` over all directions equal
+to 1; its phase function is ``|s|^2``. A family of particles is one class, and a family of one's own needs no more than
+its amplitude:
 
     class Screened(sg.media.Scatterer):
         concentration: float
@@ -124,8 +124,8 @@ class Scatterer(Admitted, Pictured):
     def amplitude_matrix(self, cos: np.ndarray | float) -> np.ndarray:
         """Amplitudes S1 (of fields across the plane of scattering) and S2 (along it), complex128[2, ...], of a sphere.
 
-        At cosines of the scattering angle, per root steradian, in three dimensions: |s|^2 = (|S1|^2 + |S2|^2) / 2. A
-        class of one's own may define it, up to a factor; a medium of polarisation "vector" then takes it.
+        At cosines of the scattering angle, per root steradian, in three dimensions: ``|s|^2 = (|S1|^2 + |S2|^2) / 2``.
+        A class of one's own may define it, up to a factor; a medium of polarisation "vector" then takes it.
 
         Raises
         ------

@@ -35,7 +35,7 @@ class VonMisesFisher(_WithAnisotropy):
     concentration: float = Field(gt=0, le=1e10, allow_inf_nan=False, kw_only=False)
 
     def mean_cosine(self, dimensions: Dimensions = 3) -> float:
-        """Mean cosine of the scattering angle: I_(d/2)(kappa) / I_(d/2 - 1)(kappa), I the modified Bessel function."""
+        """Mean cosine of the scattering angle, ``I_(d/2)(kappa) / I_(d/2 - 1)(kappa)`` of modified Bessel functions."""
         kappa = self.concentration
         if dimensions == 2:
             return float(i1e(kappa) / i0e(kappa))
@@ -61,8 +61,8 @@ class VonMisesFisher(_WithAnisotropy):
 def _bins(concentration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Bins of a von Mises phase function, up to the angle beyond which less than e^-100 of it is left.
 
-    So narrow that five points of Gauss and Legendre find the place in a bin to 2e-14, but for the last 3e-9 of the
-    light at either side (2e-11 at the very edge).
+    So narrow that five points of Gauss and Legendre find the place in a bin to 2e-14 (2e-11 for the last billionths of
+    the light at either side).
     """
     nodes = np.linspace(0.0, 2 * math.asin(math.sqrt(min(1.0, 50 / concentration))), 129)
     x, w = gauss_legendre(12)

@@ -10,7 +10,7 @@ By triangles, u linear between its corner values u_i, y_j = -i xi.p_j:
 
     Psi = 2A sum_i u_i exp[y_0, y_1, y_2, y_i]
 
-Divided differences of exp are the corner of the exponential of the 4 x 4 matrix with diagonal y and superdiagonal 1,
+Divided differences of exp are the corner of the exponential of the square matrix with diagonal y and superdiagonal 1,
 which is regular where corners coincide.
 
 By the rim, the first Rayleigh-Sommerfeld integral of a plane wave, or one of a point, as the sum of two of Kirchhoff's,

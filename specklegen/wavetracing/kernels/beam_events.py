@@ -25,7 +25,7 @@ _NULL, _UNIFORM, _GAUSSIAN, _TRIES, _EVANESCENT, _TRIANGLES, _LOCAL = 3, 4, 5, 6
 
 
 class Light(NamedTuple):
-    """Wavenumber k, and 81 / 4k^2, the least product a b tan_a tan_b of a beam."""
+    """Wavenumber k, and ``81 / 4k^2``, the least product a b tan_a tan_b of a beam."""
 
     k: float
     least: float

@@ -34,7 +34,7 @@ def axes_about(dx, dy, dz):
 def leave_region(state, depth, least, nx, ny, nz):
     """Give the beam the mean direction n behind a region at ``depth``: new origin, cross-section and tangents.
 
-    least : 81 / 4k^2, the least product a b tan_a tan_b
+    least : ``81 / 4k^2``, the least product a b tan_a tan_b
     """
     a = state[WIDTH] + depth * state[SLOPE]
     e = state[STRETCH]

@@ -49,7 +49,7 @@ _ONE = np.uint64(1)
 
 
 class Rules(NamedTuple):
-    """Settings of the walk: the mode, 0 (auto), 1 (uniform) or 2 (gaussian) light in regions, events of a beam."""
+    """Settings of the walk: mode of light in regions (``0`` auto, ``1`` uniform, ``2`` gaussian), events of a beam."""
 
     mode: int
     amplitude: int

@@ -1,9 +1,9 @@
 """Bounding-volume hierarchy over triangles, and its cone queries.
 
 Nodes are split where the areas of both parts' boxes, each times its leaves, add up to least [J. Goldsmith, J. Salmon,
-IEEE Comput. Graph. Appl. 7 (5), 14 (1987)], and far down in the middle. Nodes stand in depth-first order: the left
-child of node i is i + 1. ``link[i]`` is the right child, or -1 - (first triangle) of a leaf; triangles stand in the
-order of the leaves. Sizes of the left parts are multiples of LEAF, so that all leaves but the last are full.
+IEEE Comput. Graph. Appl. 7(5), 14 (1987)], and far down in the middle. Nodes stand in depth-first order: the left child
+of node i is i + 1. ``link[i]`` is the right child, or -1 - (first triangle) of a leaf; triangles stand in the order of
+the leaves. Sizes of the left parts are multiples of LEAF, so that all leaves but the last are full.
 
 `closest` visits the nearer child first and shrinks its far depth; `collect` counts first and fills when asked again
 with a list large enough, so that nothing is cut off silently.

@@ -25,8 +25,8 @@ _ACROSS = 1e-24  # of the squared slope of a plane, below which its section lies
 def edge_interval(t, x0, y0, z0, w0, r0, x1, y1, z1, w1, r1):
     """Least and greatest depth of a segment's part in the cone; (inf, -inf) where there is none.
 
-    w = a + t z and r = hypot(x, y) belong to each end. With the form x^2 + y^2 - w^2, the discriminant is written by
-    cross products (Lagrange's identity), which keep their digits where B^2 - A C cancels.
+    w = a + t z and r = hypot(x, y) belong to each end. With the form ``x^2 + y^2 - w^2``, the discriminant is written
+    by cross products (Lagrange's identity), which keep their digits where ``B^2 - A C`` cancels.
     """
     in0, in1 = r0 <= w0, r1 <= w1
     if in0 and in1:

@@ -1,8 +1,9 @@
 """Diffraction by two edges in turn, uniform where each lies near a shadow boundary of the other.
 
 One uniform coefficient after the other is wrong there: the wave that meets the second edge is no ray. Near the
-boundaries the field behind two edges is a quadrant of a complex Gaussian: of exp(-(h^2 - 2 rho h g + g^2)/2(1 - rho^2))
-over h' > h, g' > g; rho is how far the edges share one Fresnel zone. The part of its corner is
+boundaries the field behind two edges is a quadrant of a complex Gaussian: of
+``exp(-(h^2 - 2 rho h g + g^2)/2(1 - rho^2))`` over ``h' > h, g' > g``; rho is how far the edges share one Fresnel zone.
+The part of its corner is
 
     C = s(a + rho b) s(b) J(|a + rho b|, r |b|) + s(b + rho a) s(a) J(|b + rho a|, r |a|),   r = sqrt(1 - rho^2),
     J(x, y) = 1/2pi int_0^inf e^{i pi/4} x e^{2 i e^{i pi/4} y v - v^2} / (x^2 + (y + e^{i pi/4} v)^2) dv,
@@ -13,8 +14,8 @@ L2 = (s1 + s2) s3 / S, S = s1 + s2 + s3; rho = sqrt(s1 s3 / ((s1 + s2) (s2 + s3)
 directions into the lit sides of both terms, across the ray between the edges. Each product of two cotangents is
 multiplied by -4 pi i r a b C, which is 1 far from all boundaries. Source and receiver may change places.
 
-Source: F. Capolino, S. Maci, IEEE Trans. Antennas Propag. 45, 1354 (1997); M. Albani, IEEE Trans. Antennas Propag. 53,
-702 (2005) (two edges in any arrangement); L. E. Vogler, Radio Sci. 17, 1541 (1982) (the integral for knife edges);
+Source: F. Capolino, S. Maci, IEEE Trans. Antennas Propag. 45, 1354 (1997); M. Albani, IEEE Trans. Antennas Propag.
+53, 702 (2005) (two edges in any arrangement); L. E. Vogler, Radio Sci. 17, 1541 (1982) (the integral for knife edges);
 D. B. Owen, Ann. Math. Stat. 27, 1075 (1956).
 """
 
@@ -87,7 +88,7 @@ def _sign(x):
 
 @inlined
 def corner_share(a, b, rho):
-    """Return C e^{-i (a^2 + 2 rho a b + b^2)}; on a boundary its mean."""
+    """Return ``C e^{-i (a^2 + 2 rho a b + b^2)}``; on a boundary its mean."""
     r, over_a, over_b = math.sqrt(1.0 - rho * rho), a + rho * b, b + rho * a
     one, two = _sign(over_a) * _sign(b), _sign(over_b) * _sign(a)
     total = complex(0.0, 0.0)

@@ -38,7 +38,7 @@ def along(edge, t):
 
 @inlined
 def turn(edge, dx, dy, dz):
-    """Angle of a direction about an edge, from the 0-face, in [0, 2 pi]."""
+    """Angle of a direction about an edge, from the 0-face, in ``[0, 2 pi]``."""
     phi = math.atan2(
         dx * edge[NORMAL] + dy * edge[NORMAL + 1] + dz * edge[NORMAL + 2],
         dx * edge[INWARD] + dy * edge[INWARD + 1] + dz * edge[INWARD + 2],

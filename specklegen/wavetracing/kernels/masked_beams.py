@@ -9,13 +9,14 @@ transform of that row, and a y component from the transform of the column of tha
 transforms of rows at one wavevector: sums over the few places at which the open share changes along a row, of the wave
 beyond each place.
 
-An open share is a mean over its cell: the power of an edge at angle theta = pi m / GRID comes out as
-theta^2 (1 - 2/3 sin^2 theta) / sin^2 theta of itself, folded frequencies included, 0.69 at worst. Shares sharpened by
-`_SHARPER` of their second differences bring it to 0.92 ... 1.11.
+An open share is a mean over its cell: the power of an edge at angle ``theta = pi m / GRID`` comes out as
+``theta^2 (1 - 2/3 sin^2 theta) / sin^2 theta`` of itself, folded frequencies included, 0.69 at worst. Shares sharpened
+by `_SHARPER` of their second differences bring it to 0.92 ... 1.11.
 
-Beyond the grid's last wavevector Q the pattern is that of its rims alone: a rim of normal n carries |u|^2 / (pi q^2) a
-length and dq along n, so the share |u|^2 / (pi Q) a length of rim is drawn there, q = Q / uniform. What this costs:
-structure below 1/16 of the half-width is smoothed where more is open, and corners send no more than their rims.
+Beyond the grid's last wavevector Q the pattern is that of its rims alone: a rim of normal n carries
+``|u|^2 / (pi q^2)`` a length and dq along n, so the share ``|u|^2 / (pi Q)`` a length of rim is drawn there,
+``q = Q / uniform``. What this costs: structure below 1/16 of the half-width is smoothed where more is open, and corners
+send no more than their rims.
 """
 
 import math
@@ -272,7 +273,7 @@ def draw_raster(key0, key1, path, counter, mask, window, sizes, chirps):
     mask   : float64[GRID, GRID]   share of each cell that is open
     window : (x, y, half_x, half_y) of the grid, from the beam's mean
     sizes  : six standard deviations of the beam's intensity along both axes
-    chirps : of the field exp(i (chirp_x x^2 + chirp_y y^2) / 2)
+    chirps : of the field ``exp(i (chirp_x x^2 + chirp_y y^2) / 2)``
     """
     middle_x, middle_y, half_x, half_y = window
     at, by, sharp = np.empty((GRID, GRID), np.int64), np.empty((GRID, GRID)), np.empty((GRID, GRID))

@@ -1,19 +1,19 @@
 """Draws of wavevectors from the diffraction pattern of an opening, |Psi(xi)|^2, by rejection.
 
-N waves never add to more than |sum Psi_l|^2 <= N sum |Psi_l|^2 (Cauchy), so a draw from sum |Psi_l|^2 is kept with the
-probability |sum Psi_l|^2 / (N sum |Psi_l|^2) [Steinberg] Eqs. 22-25.
+N waves never add to more than ``|sum Psi_l|^2 <= N sum |Psi_l|^2`` (Cauchy), so a draw from ``sum |Psi_l|^2`` is kept
+with the probability ``|sum Psi_l|^2 / (N sum |Psi_l|^2)`` [Steinberg] Eqs. 22-25.
 
-*Slits*: Psi_l = w_l sinc(xi w_l/2) e^{-i xi c_l + i phase_l}; a slit is drawn by its width, then xi from sinc^2 under
-min(1, 1/x^2).
+*Slits*: ``Psi_l = w_l sinc(xi w_l/2) e^{-i xi c_l + i phase_l}``; a slit is drawn by its width, then xi from ``sinc^2``
+under ``min(1, 1/x^2)``.
 
-*Polygons*: edge terms |Psi_e|^2 = |e|^2 q^2/(p^2 + q^2)^2 sinc^2(p|e|/2), p along and q across the edge, have no
+*Polygons*: edge terms ``|Psi_e|^2 = |e|^2 q^2/(p^2 + q^2)^2 sinc^2(p|e|/2)``, p along and q across the edge, have no
 finite integral at xi = 0. Inside a disc |xi| < c the bound is A^2 instead. Outside, the integral over q of
-q^2/(p^2 + q^2)^2 is 2G(p) with alpha = asin(min(1, |p|/c)),
+``q^2/(p^2 + q^2)^2`` is ``2G(p)`` with ``alpha = asin(min(1, |p|/c))``,
 
     G = (alpha/2 + sin(2 alpha)/4) / |p| <= 1/c
 
-so p is drawn from sinc^2(p|e|/2), kept with c G(p), and q = |p| / tan(phi), phi in [0, alpha] of density cos^2(phi).
-(The complement of the angle theta of the derivation: nothing cancels at small p.)
+so p is drawn from ``sinc^2(p|e|/2)``, kept with ``c G(p)``, and ``q = |p| / tan(phi)``, phi in ``[0, alpha]`` of
+density ``cos^2(phi)``. (The complement of the angle theta of the derivation: nothing cancels at small p.)
 
 Draw n of a stream has the address (key; sample 0, path n, dimension = a running counter), so draws do not depend on
 each other or on their order.
@@ -131,8 +131,8 @@ def _powers(edges, x, y):
 def disc_radius(length, area, count):
     """Radius c of the disc, of openings of so many edges and so long a border: mean trials within a tenth of the least.
 
-    0.62 length / area where edges are long beside 1 / c; where they are many and short, the least of
-    pi c^2 A^2 + 4 pi N length / c.
+    ``0.62 length / area`` where edges are long beside ``1 / c``; where they are many and short, the least of
+    ``pi c^2 A^2 + 4 pi N length / c``.
     """
     return min(0.62 * length / area, (2.0 * count * length / (area * area)) ** (1.0 / 3.0))
 
@@ -144,8 +144,9 @@ def draw_polygon(key0, key1, path, counter, edges, area):
     edges : float64[N, 4]   midpoint and vector of each edge, all loops in one sense
     area  : float           of the opening, positive
 
-    Edge e is proposed under the larger envelope |e|^2 sinc^2(p|e|/2) 2/c, of mass 4 pi |e| / c, so that no masses are
-    computed; a proposal that G(p) < 1/c turns down starts over from the choice of the component, and is no trial.
+    Edge e is proposed under the larger envelope ``|e|^2 sinc^2(p|e|/2) 2/c``, of mass ``4 pi |e| / c``, so that no
+    masses are computed; a proposal that G(p) < 1/c turns down starts over from the choice of the component, and is no
+    trial.
     """
     count, length = edges.shape[0], 0.0
     for e in range(count):

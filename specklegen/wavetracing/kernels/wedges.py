@@ -6,16 +6,16 @@ With time e^{-i omega t}, angles from the 0-face, wedges of exterior angle n pi 
               x { C_+(phi - phi') + C_-(phi - phi') -+ [C_+(phi + phi') + C_-(phi + phi')] }
     C_+-(B) = cot((pi +- B)/2n) F(k L a_+-(B)),   a_+- = 2 cos^2(pi n N_+- - B/2),   N_+- = round((+-pi + B)/(2 pi n))
 
-With delta = +-pi + B - 2 pi n N, the signed angle to a shadow or reflection boundary, both factors are functions of
-delta: cot((pi +- B)/2n) = +-cot(delta/2n), a = 2 sin^2(delta/2). So their product is finite and keeps its digits to
-delta = 0, where it jumps by the geometric wave. There it is 0 and the geometric wave weighs one half. The sign of
-delta, and nothing else, must decide which geometric waves there are: a receiver on a boundary would otherwise lose or
-double a wave to rounding.
+With ``delta = +-pi + B - 2 pi n N``, the signed angle to a shadow or reflection boundary, both factors are functions of
+delta: ``cot((pi +- B)/2n) = +-cot(delta/2n)``, ``a = 2 sin^2(delta/2)``. So their product is finite and keeps its
+digits to delta = 0, where it jumps by the geometric wave. There it is 0 and the geometric wave weighs one half. The
+sign of delta, and nothing else, must decide which geometric waves there are: a receiver on a boundary would otherwise
+lose or double a wave to rounding.
 
     F(X) = sqrt(pi X) e^{-i pi/4} w(e^{i pi/4} sqrt(X)),   w(e^{i pi/4} r) = t g(t),   t = 1/(1 + r/2)
 
-and g is a Chebyshev series in t: 42 coefficients, relative error 1e-14 for every X >= 0.
-Source: Kouyoumjian and Pathak, Proc. IEEE 62, 1448 (1974), Eqs. 25-33 [KP74].
+and g is a Chebyshev series in t: 42 coefficients, relative error 1e-14 everywhere. Source: Kouyoumjian and Pathak,
+Proc. IEEE 62, 1448 (1974), Eqs. 25-33 [KP74].
 """
 
 import math
@@ -75,7 +75,7 @@ _SERIES = np.array(
 
 @inlined
 def faddeeva_ray(root):
-    """Return w(e^{i pi/4} root) for root >= 0: 1 at 0, then falling like e^{i pi/4} / (sqrt(pi) root)."""
+    """Return ``w(e^{i pi/4} root)`` for root >= 0, from 1 falling like ``e^{i pi/4} / (sqrt(pi) root)``."""
     t = 1.0 / (1.0 + 0.5 * root)
     y = 2.0 * (2.0 * t - 1.0)
     real0 = real1 = imag0 = imag1 = 0.0
@@ -89,7 +89,7 @@ def faddeeva_ray(root):
 
 @inlined
 def transition(root):
-    """Return F(root^2): 0 at 0, 1 far away."""
+    """Return ``F(root^2)``, which rises from 0 to 1."""
     return math.sqrt(math.pi) * root * complex(math.sqrt(0.5), -math.sqrt(0.5)) * faddeeva_ray(root)
 
 
