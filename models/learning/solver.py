@@ -40,6 +40,8 @@ ANY_OBJECT = "any-object"
 """Solver that comes with the package; its card lies beside it, and in docs/networks.md."""
 RESTARTS = Retrieval(restarts=2, steps=4, error_reduction=20, extent=EXTENT)
 """Of phase retrieval, from each guess."""
+LONG = Retrieval(restarts=10, extent=EXTENT)
+"""Of phase retrieval, for an image that draws begin at."""
 GUESSES: tuple[wiener.Division, ...] = ("dense", "empirical")
 EVIDENCE = (
     "excess of the settled deviance", "excess of the image's own over that", "excess of the best answer's over that",
@@ -199,15 +201,15 @@ class Solver:
         memory
             C_I of the slab before each of them.
         draws
-            How many, 2 to 64; the first half begins at noise, the others at the solver's image and at phase
-            retrieval's.
+            How many, 2 to 64; the first half begins at noise, the others at the solver's image and at that of ten
+            restarts of phase retrieval.
         seed
             Of phase retrieval's starts and of the noise.
         solved
             What :meth:`solve` found of them; it is asked where it was not.
         first
-            First images that draws begin at, float[B, K, n, n] on the frame of the solver, with at least one bright
-            pixel each: such as phase retrieval's of many restarts. By default those of its few and short ones.
+            Images instead of phase retrieval's, float[B, K, n, n] on the frame of the solver, with at least one bright
+            pixel each.
 
         Raises
         ------
@@ -230,9 +232,10 @@ class Solver:
             reject("posterior solved", f"one for each of {len(memory)} objects", len(solved.image))
         begun = None if first is None else self._first(first, len(memory))
         seen, likelihood, between, at_lags = self._measured("posterior", seen, optics, memory)
-        shown = first_look(likelihood, at_lags, self.network.frame, seed)
-        solved = solved or self._solved(seen, likelihood, between, at_lags, shown)
-        begun = shown.answers if begun is None else begun
+        frame = self.network.frame
+        if solved is None:
+            solved = self._solved(seen, likelihood, between, at_lags, first_look(likelihood, at_lags, frame, seed))
+        begun = restarted(likelihood, at_lags, frame, seed) if begun is None else begun
         return posterior(load_prior(), likelihood, between, at_lags, solved.image, begun, count, seed)
 
     def _first(self, first: Tensor, count: int) -> Tensor:
@@ -342,8 +345,7 @@ def first_look(
         restarts = torch.cat(
             [retrieve(each.double(), retrieval, seed=seed).restarts for each in weighted.values()], dim=1
         )
-        margin = (LAGS - frame) // 2
-        answers = centred(restarts)[..., margin : margin + frame, margin : margin + frame].contiguous()
+        answers = _on_frame(restarts, frame)
     pictures = torch.fft.fftshift(torch.stack([lags, weighted["dense"]], dim=1), dim=(-2, -1))
     scalars = [
         *described(variance, grain, likelihood.looks).unbind(1),
@@ -351,6 +353,25 @@ def first_look(
         memory_effect[:, 0, EXTENT - 1].to(variance),
     ]
     return Seen(pictures.float(), answers, torch.stack(scalars, dim=1).float())
+
+
+def restarted(likelihood: SpeckleLikelihood, memory_effect: Tensor, frame: int, seed: Seed = 0) -> Tensor:
+    """Phase retrieval's image of many restarts on a frame of n pixels, float[B, 1, n, n]; arguments of `first_look`."""
+    lags, variance, grain = lags_of(likelihood)
+    parts = (lags, memory_effect, variance)
+    divided = []
+    for n, guess in enumerate(wiener.choice(*parts, side=EXTENT, grain=grain)):
+        own = slice(n, n + 1)
+        factors = wiener.weights(*(part[own] for part in parts), side=EXTENT, grain=grain[own], guess=guess)
+        divided.append(lags[own] * factors)
+    found = retrieve(torch.cat(divided).double(), LONG, seed=seed)
+    return _on_frame(found.image[:, None], frame)
+
+
+def _on_frame(images: Tensor, frame: int) -> Tensor:
+    """Images float[B, K, LAGS, LAGS] centred on a frame of n pixels, float[B, K, n, n]."""
+    margin = (LAGS - frame) // 2
+    return centred(images)[..., margin : margin + frame, margin : margin + frame].contiguous()
 
 
 def lags_of(likelihood: SpeckleLikelihood) -> tuple[Tensor, Tensor, Tensor]:
