@@ -106,7 +106,7 @@ PYTHON = [block for block in blocks() if block.language == "python"]
 
 @pytest.mark.parametrize("block", [block for block in PYTHON if not own_process(block)], ids=str)
 def test_a_block_runs_on_its_own(block, setup, monkeypatch):
-    for library in ("webdataset", "upath", "deepinv"):  # of extras, and of libraries that are no extra
+    for library in ("webdataset", "upath", "deepinv", "transformers"):  # of extras, and of libraries that are no extra
         if library in block.text or (library == "upath" and "://a.zarr" in block.text):
             pytest.importorskip(library)
     monkeypatch.chdir(setup)
