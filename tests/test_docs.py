@@ -75,8 +75,15 @@ def shorter(text: str) -> str:
 
 
 def own_process(block: Block) -> bool:
-    """Whether a block starts processes, which read it again as their main module."""
-    return any(word in block.text for word in ("num_workers", "LocalCluster"))
+    """Whether a block starts processes, which read it again as their main module, or imports another `datasets`."""
+    return any(word in block.text for word in ("num_workers", "LocalCluster", "transformers"))
+
+
+def skip_without_libraries(block: Block) -> None:
+    """Skip a block that needs an extra, or a library that is no extra, which is not installed."""
+    needed = re.findall(r"^(?:import|from) (webdataset|deepinv|lightning|distributed|transformers)\b", block.text, re.M)
+    for library in needed + ["upath"] * ("://a.zarr" in block.text):
+        pytest.importorskip(library)
 
 
 def module_of(block: Block) -> str | None:
@@ -106,9 +113,7 @@ PYTHON = [block for block in blocks() if block.language == "python"]
 
 @pytest.mark.parametrize("block", [block for block in PYTHON if not own_process(block)], ids=str)
 def test_a_block_runs_on_its_own(block, setup, monkeypatch):
-    for library in ("webdataset", "upath", "deepinv", "transformers"):  # of extras, and of libraries that are no extra
-        if library in block.text or (library == "upath" and "://a.zarr" in block.text):
-            pytest.importorskip(library)
+    skip_without_libraries(block)
     monkeypatch.chdir(setup)
     names = {"__name__": module_of(block) or "__main__"}
     before = set(names)
@@ -119,6 +124,7 @@ def test_a_block_runs_on_its_own(block, setup, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("block", [block for block in PYTHON if own_process(block)], ids=str)
 def test_a_block_that_starts_processes_runs_on_its_own(block, setup):
+    skip_without_libraries(block)
     file = setup / "block.py"
     file.write_text(shorter(block.text))
     command = [sys.executable, str(file)]
