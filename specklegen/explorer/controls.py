@@ -50,7 +50,7 @@ class State:
     medium: str = slider("slab", "medium", "slab", "two layers", "ground glass")
     thickness: float = slider(1000.0, "thickness, µm", *_THICKNESSES)
     mean_free_path: float = slider(100.0, "mean free path, µm", *_PATHS)
-    lobe: str = slider("HenyeyGreenstein", "lobe", "HenyeyGreenstein", "VonMisesFisher")
+    lobe: str = slider("HenyeyGreenstein", "phase function", "HenyeyGreenstein", "VonMisesFisher")
     g: float = slider(0.9, "anisotropy g", *_COSINES)
     refractive_index: float = slider(1.0, "refractive index, in air (1: index-matched)", 1.0, 1.2, 1.33, 1.4, 1.5, 1.6)
     second_thickness: float = slider(500.0, "thickness of the second layer, µm", *_THICKNESSES)

@@ -190,8 +190,8 @@ def _katz(state: State) -> str:
         drawing.picture(drawing.png(estimate.image), "phase retrieval") + "phase retrieval",
         drawing.picture(drawing.png(shown.sample(state)["object"], high=1.0), "the object") + "the object",
     ) + (
-        f"<p>After the best shift and turn, Pearson correlation {estimate.correlation:.2f}; to the object as a lens of "
-        f"this aperture would show it, {estimate.limited:.2f}.</p>"
+        f"<p>After the best shift and 180-degree rotation, Pearson correlation {estimate.correlation:.2f}; to the "
+        f"object as a lens of this aperture would show it, {estimate.limited:.2f}.</p>"
     )
 
 
