@@ -45,6 +45,5 @@ from .tracing import trace as trace
 from .wave_trace import Ledger as Ledger
 from .wave_trace import Statistics as Statistics
 from .wave_trace import WaveTrace as WaveTrace
-from .wedge import lossy_wedge_field as lossy_wedge_field
 from .wedge import wedge_coefficients as wedge_coefficients
 from .wedge import wedge_field as wedge_field

@@ -9,11 +9,13 @@ of radius r in the plane of ray and edge spreads behind it as ``A = sqrt(r / (s 
 a second one ``1/r = cos^2 psi / (s' + s) + sin^2 psi / s``, psi between the edges across the ray. Paths are reciprocal.
 
 Surfaces are perfect, or of their material: reflection by Fresnel's coefficients, TE for "soft" and TM for "hard", and
-the images' parts of D multiplied by those of the faces, as `lossy_wedge_field` has it. Black and diffuse surfaces have
-no images; nothing goes through walls. Smooth convex bodies reflect as curved surfaces, and light creeps around them
+the images' parts of D multiplied by those of the faces. These are taken at the smaller of both angles to each face, so
+that source and receiver may change places. Black and diffuse surfaces have no images; light goes through thin walls.
+Smooth convex bodies reflect as curved surfaces, and light creeps around them
 (`specklegen.wavetracing.kernels.creeping`). Left out: corners.
 
 Sources: J. B. Keller, J. Opt. Soc. Am. 52, 116 (1962); R. G. Kouyoumjian, P. H. Pathak, Proc. IEEE 62, 1448 (1974);
+R. J. Luebbers, IEEE Trans. Antennas Propag. 32, 70 (1984); H. M. El-Sallabi, P. Vainikainen, ibid. 53, 3105 (2005);
 S. Steinberg, M. Pharr, *Wave Tracing*, section on bilinear path tracing.
 """
 

@@ -94,14 +94,6 @@ def itu_permittivity(name: str, frequency: Annotated[float, RATE]) -> complex:
     return complex(a * gigahertz**b, 17.975 * c * gigahertz ** (d - 1))
 
 
-def fresnel(permittivity: complex, cosine: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the field reflection coefficients (r_TE, r_TM) of a half space at cos(theta) in [0, 1]."""
-    c = np.asarray(cosine, float)
-    q = np.sqrt(np.asarray(permittivity - (1 - c * c), complex))
-    q = np.where(q.imag < 0, -q, q)
-    return (c - q) / (c + q), (permittivity * c - q) / (permittivity * c + q)
-
-
 class Absorber(Value):
     """A black surface: takes all light in.
 

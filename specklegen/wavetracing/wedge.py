@@ -10,13 +10,6 @@ soft (u = 0 on the faces) with the upper sign, hard (du/dn = 0) with the lower. 
 other wedges the error falls like 1/r and faster: rms 2e-3 at a wavelength, 1e-4 at ten (docs/wavetracing.md).
 Formulae, conventions and how boundaries are treated: `specklegen.wavetracing.kernels.wedges`. Time e^{-i omega t}.
 Source: Kouyoumjian and Pathak, Proc. IEEE 62, 1448 (1974).
-
-A wedge of a lossy material has no such theory. `lossy_wedge_field` multiplies the terms of the two images by the faces'
-coefficients of reflection, so that the field stays continuous [Luebbers, IEEE Trans. Antennas Propag. 32, 70 (1984)],
-taken at the smaller of both angles to each face, so that source and receiver may change places [El-Sallabi and
-Vainikainen, IEEE Trans. Antennas Propag. 53, 3105 (2005)]. It is a recipe, not a solution: right for a perfect wedge,
-for one that reflects nothing (half the sum of soft and hard), and at every boundary; surface waves and what runs
-through the wedge are not there.
 """
 
 from __future__ import annotations
@@ -26,12 +19,11 @@ from typing import Annotated, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from specklegen.core.arguments import choice, complex_number, positive_number, real_array, real_number, together
+from specklegen.core.arguments import choice, positive_number, real_array, real_number, together
 from specklegen.core.errors import reject
 from specklegen.core.quantities import with_units
 from specklegen.core.units import INVERSE_LENGTH, LENGTH, RADIAN
-from specklegen.wavetracing.kernels.wedges import wedge_pairs, wedge_terms, wedge_weights
-from specklegen.wavetracing.materials import fresnel
+from specklegen.wavetracing.kernels.wedges import wedge_pairs, wedge_weights
 
 Boundary = Literal["soft", "hard"]
 
@@ -172,77 +164,6 @@ def wedge_field(
     s = r / sine
     pair = wedge_coefficients(n, phi, incidence, s * sine**2, k, beta)
     return geometric + pair[sign > 0] * np.exp(1j * across * r) / np.sqrt(s)
-
-
-@with_units
-def lossy_wedge_field(
-    n: float,
-    phi: Annotated[ArrayLike, RADIAN],
-    incidence: Annotated[ArrayLike, RADIAN],
-    distance: Annotated[ArrayLike, LENGTH],
-    k: Annotated[float, INVERSE_LENGTH],
-    permittivity: complex,
-    boundary: Boundary,
-) -> np.ndarray:
-    """Return the field of a wedge of a material, lit at right angles to its edge as in `wedge_field`.
-
-    Parameters
-    ----------
-    n
-        Exterior angle over pi, from 1 (a plane) to 2 (a half plane).
-    phi, incidence
-        Angles of the receiver and of the source from the 0-face, radians in [0, n pi].
-    distance
-        Length r from the edge to the receiver, in the plane across it.
-    k
-        Wave number, radians per unit length.
-    permittivity
-        Relative, of both faces, Im >= 0; a half space each.
-    boundary
-        "soft": the electric field along the edge (r_TE); "hard": across it (r_TM).
-
-    Returns
-    -------
-    complex128[...]
-        1 on the edge without the wedge. As of a perfect wedge where the permittivity is large.
-
-    Raises
-    ------
-    RuleError
-        As `wedge_field`, or if the permittivity is 0 or has a negative imaginary part.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from specklegen.wavetracing import lossy_wedge_field
-    >>> field = lossy_wedge_field(1.5, 3.0, 0.5, 10.0, 2 * np.pi, permittivity=5 + 0.1j, boundary="soft")
-    >>> round(float(abs(field)), 3)
-    0.876
-    """
-    choice("lossy_wedge_field boundary", boundary, get_args(Boundary))
-    permittivity = complex_number("lossy_wedge_field permittivity", permittivity)
-    if not np.isfinite(permittivity) or permittivity == 0 or permittivity.imag < 0:
-        reject("lossy_wedge_field permittivity", "finite, not 0, with Im >= 0 (time e^{-i omega t})", permittivity)
-    k = positive_number("lossy_wedge_field k", k)
-    n, phi, incidence = _angles(n, phi, incidence)
-    r = real_array("lossy_wedge_field distance", distance)
-    phi, incidence, r = together("lossy_wedge_field", phi=phi, incidence=incidence, distance=r)
-    if not (k * r >= NEAREST).all():
-        reject("lossy_wedge_field distance", "at least 1/k", r, "Nearer by there are no rays: move the point away.")
-
-    def reflected(to_face: np.ndarray) -> np.ndarray:
-        """Coefficient at an angle to a face."""
-        return fresnel(permittivity, np.abs(np.sin(to_face)))[boundary == "hard"]
-
-    shares = geometric_shares(n, phi, incidence)
-    waves = shares * np.exp(-1j * k * r[..., None] * np.cos(_below(n, phi, incidence)))
-    geometric = waves[..., 0] + reflected(incidence) * waves[..., 1] + reflected(n * np.pi - incidence) * waves[..., 2]
-    terms = np.empty((phi.size, 3), complex)
-    wedge_terms(n, *(np.ascontiguousarray(a).ravel() for a in (phi, incidence, r)), k, terms)
-    terms = terms.reshape(*phi.shape, 3)
-    first = reflected(np.minimum(phi, incidence))
-    last = reflected(n * np.pi - np.maximum(phi, incidence))
-    return geometric + (terms[..., 0] + first * terms[..., 1] + last * terms[..., 2]) * np.exp(1j * k * r) / np.sqrt(r)
 
 
 def _below(n: float, phi: np.ndarray, incidence: np.ndarray) -> np.ndarray:

@@ -1,8 +1,14 @@
-"""Reflection and transmission of a wall in air: the sum over all its internal reflections."""
+"""Reflection of a half space; reflection and transmission of a wall in air, the sum over its internal reflections."""
 
 import numpy as np
 
-from specklegen.wavetracing.materials import fresnel
+
+def fresnel(permittivity: complex, cosine: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the field reflection coefficients (r_TE, r_TM) of a half space at cos(theta) in [0, 1]."""
+    c = np.asarray(cosine, float)
+    q = np.sqrt(np.asarray(permittivity - (1 - c * c), complex))
+    q = np.where(q.imag < 0, -q, q)
+    return (c - q) / (c + q), (permittivity * c - q) / (permittivity * c + q)
 
 
 def wall_coefficients(

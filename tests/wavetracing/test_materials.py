@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from references.wall import wall_coefficients
+from references.wall import fresnel, wall_coefficients
 
 from specklegen.core.errors import DoubtWarning, RuleError
 from specklegen.kernels import kernel
 from specklegen.wavetracing import Absorber, Building, Conductor, Diffuse, Smooth, itu_permittivity
 from specklegen.wavetracing.kernels.surfaces import power_coefficients
-from specklegen.wavetracing.materials import LIGHT_SPEED, fresnel
+from specklegen.wavetracing.materials import LIGHT_SPEED
 
 
 def test_concrete_at_one_gigahertz():

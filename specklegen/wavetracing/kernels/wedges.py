@@ -123,18 +123,6 @@ def wedge_pair(n, phi, incidence, distance, k, sin_beta):
     return scale * (below - above), scale * (below + above)
 
 
-@kernel
-def wedge_terms(n, phi, incidence, distance, k, out):
-    """Fill ``out`` complex128[m, 3]: parts of D, beta = pi/2: of the direct wave, the images in 0-face and n-face."""
-    scale = -complex(math.sqrt(0.5), math.sqrt(0.5)) / (2.0 * n * math.sqrt(2.0 * math.pi * k))
-    for m in range(phi.size):
-        root_kl = math.sqrt(k * distance[m])
-        below, above = phi[m] - incidence[m], phi[m] + incidence[m]
-        out[m, 0] = scale * (boundary_term(n, below, 1.0, root_kl) + boundary_term(n, below, -1.0, root_kl))
-        out[m, 1] = scale * boundary_term(n, above, -1.0, root_kl)
-        out[m, 2] = scale * boundary_term(n, above, 1.0, root_kl)
-
-
 @inlined
 def _lit(angle):
     """1 before a boundary, 0 behind it, one half on it."""
