@@ -91,16 +91,23 @@ def tracked(tensor: torch.Tensor) -> bool:
 
 
 _SHAPES = 2**10
-"""Shapes that one operator may be compiled for: torch's own limit of 8 is less than the buckets of one recipe."""
+"""Graphs that one operator may be compiled to: torch's own limit of 8 is less than long use of many recipes needs."""
 
 
 def _compiled(function: Callable[..., Any], backend: str = "inductor") -> Callable[..., Any]:
+    """Return a function compiled at its first call, and once more where a length differs: for any length from then on.
+
+    torch's limit is raised where it is met alone, since that takes as long as several operators.
+    """
     kept: list[Callable[..., Any]] = []
 
     def run(*arguments: Any) -> Any:
         if not kept:
-            kept.append(torch.compile(function, fullgraph=True, dynamic=False, backend=backend))
-        with torch._dynamo.config.patch(recompile_limit=_SHAPES, accumulated_recompile_limit=_SHAPES):
+            kept.append(torch.compile(function, fullgraph=True, backend=backend))
+        try:
             return kept[0](*arguments)
+        except torch._dynamo.exc.FailOnRecompileLimitHit:
+            with torch._dynamo.config.patch(recompile_limit=_SHAPES, accumulated_recompile_limit=_SHAPES):
+                return kept[0](*arguments)
 
     return run

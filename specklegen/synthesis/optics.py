@@ -128,13 +128,18 @@ def pair_products(views: torch.Tensor) -> torch.Tensor:
 
     Of real and imaginary parts float32[B, draws, R, y, x, 2].
     """
-    real, imaginary = views[..., 0], views[..., 1]
-    rank = views.shape[2]
-    parts = [
-        (real[:, :, r : r + 1] * real[:, :, r:] + imaginary[:, :, r : r + 1] * imaginary[:, :, r:]).sum(1)
-        for r in range(rank)
-    ]
-    return torch.cat(parts, 1)
+    first, second = _pairs(views.shape[2], views.device)
+    one, two = views[:, :, first], views[:, :, second]
+    return (one[..., 0] * two[..., 0] + one[..., 1] * two[..., 1]).sum(1)
+
+
+def _pairs(rank: int, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return r and q of all pairs r <= q, int64[R(R+1)/2], row by row: one graph of the compiler for every rank."""
+    rows = torch.arange(rank, device=device)
+    starts = rows * rank - rows * (rows - 1) // 2
+    number = torch.arange(rank * (rank + 1) // 2, device=device)
+    first = torch.searchsorted(starts, number, right=True) - 1
+    return first, number - starts[first] + first
 
 
 def _maps_on_the_cpu(modes: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
@@ -155,12 +160,10 @@ def mode_maps(modes: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
 
     The rows come first, so that the transforms of all pairs are one product along either axis.
     """
-    rank = modes.shape[2]
-    parts = []
-    for r in range(rank):
-        part = modes[:, :, r : r + 1] * modes[:, :, r:] * light.flatten(1)[:, None, None]
-        parts.append(torch.cat([part[:, :, :1], 2 * part[:, :, 1:]], 2))
-    return torch.cat(parts, 2).unflatten(3, light.shape[1:]).permute(0, 3, 1, 2, 4).contiguous()
+    first, second = _pairs(modes.shape[2], modes.device)
+    maps = modes[:, :, first] * modes[:, :, second] * light.flatten(1)[:, None, None]
+    maps = maps * torch.where(first == second, 1.0, 2.0).to(maps.dtype)[:, None]
+    return maps.unflatten(3, light.shape[1:]).permute(0, 3, 1, 2, 4).contiguous()
 
 
 def _lags(turned: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:

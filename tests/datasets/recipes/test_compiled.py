@@ -1,5 +1,7 @@
 """The compiler takes each operator's torch form as one graph, without a break; Inductor's code finds the same."""
 
+from itertools import product
+
 import pytest
 import torch
 
@@ -54,40 +56,60 @@ def test_every_operator_is_tested():
     assert set(arguments()) == set(FORMS)
 
 
-@pytest.mark.parametrize("name", sorted(FORMS))
-def test_one_graph(name):
-    """Dynamo with fullgraph refuses what would break; its graph, run as it is, gives the bits of the function."""
-    graphs = []
-
-    def backend(graph, _inputs):
-        graphs.append(graph)
-        return graph.forward
-
-    torch._dynamo.reset()
-    inputs = arguments()[name]
-    found = torch.compile(FORMS[name], fullgraph=True, dynamic=False, backend=backend)(*inputs)
-    assert len(graphs) == 1
-    torch.testing.assert_close(found, FORMS[name](*inputs), rtol=0, atol=0, equal_nan=True)
-
-
-def test_an_operator_is_compiled_for_every_bucket():
-    """Ten ranks, which is more shapes than torch compiles one function for by itself: it would raise an error."""
-    compiled = []
+def counted(compiled):
+    """A backend that compiles nothing and notes each graph."""
 
     def backend(graph, _inputs):
         compiled.append(graph)
         return graph.forward
 
+    return backend
+
+
+@pytest.mark.parametrize("name", sorted(FORMS))
+def test_one_graph(name):
+    """Dynamo with fullgraph refuses what would break; its graph, run as it is, gives the bits of the function."""
+    graphs = []
     torch._dynamo.reset()
-    run = fused._compiled(FORMS["pair_products"], backend=backend)
-    assert torch._dynamo.config.recompile_limit < len(BUCKETS)
-    for rank in (*BUCKETS, *BUCKETS):
-        views = torch.rand(1, 1, rank, 3, 2, 2)
-        assert torch.equal(run(views), FORMS["pair_products"](views))
-    assert len(compiled) == len(BUCKETS)
-    plain = torch.compile(FORMS["pair_products"], fullgraph=True, dynamic=False, backend=backend)
-    with pytest.raises(torch._dynamo.exc.FailOnRecompileLimitHit):  # power
-        [plain(torch.rand(1, 1, rank, 2, 2, 2)) for rank in BUCKETS]
+    inputs = arguments()[name]
+    found = torch.compile(FORMS[name], fullgraph=True, dynamic=False, backend=counted(graphs))(*inputs)
+    assert len(graphs) == 1
+    torch.testing.assert_close(found, FORMS[name](*inputs), rtol=0, atol=0, equal_nan=True)
+
+
+@pytest.mark.parametrize(("name", "of_rank"), [
+    ("pair_products", lambda rank, count: (torch.rand(count, 1, rank, 3, 2, 2),)),
+    ("mode_maps", lambda rank, count: (torch.rand(count, 1, rank, 6), torch.rand(count, 2, 3))),
+])  # fmt: skip
+def test_few_graphs_serve_all_ranks(name, of_rank):
+    """Twelve shapes, as of chunks of two sizes: rank 1, what comes first, and all others take a graph each."""
+    compiled, plain = [], []
+    torch._dynamo.reset()
+    run = fused._compiled(FORMS[name], backend=counted(compiled))
+    for rank, count in product(BUCKETS[:6], (2, 3)):
+        inputs = of_rank(rank, count)
+        assert torch.equal(run(*inputs), FORMS[name](*inputs))
+    assert len(compiled) <= 4
+    torch._dynamo.reset()
+    static = torch.compile(FORMS[name], fullgraph=True, dynamic=False, backend=counted(plain), recompile_limit=99)
+    for rank in BUCKETS[:6]:  # power
+        static(*of_rank(rank, 2))
+    assert len(plain) == 6
+
+
+def test_more_graphs_than_torch_allows_by_itself():
+    """Of inputs with another number of axes each, which no graph serves together; where it was met, limits stay."""
+    compiled, limit = [], 2
+    torch._dynamo.reset()
+    run = fused._compiled(lambda x: 2 * x, backend=counted(compiled))
+    plain = torch.compile(lambda x: 3 * x, fullgraph=True, backend=counted([]))
+    with torch._dynamo.config.patch(recompile_limit=limit):
+        for axes in (1, 2, 3, 4, 1, 2, 3, 4):
+            assert torch.equal(run(torch.ones((2,) * axes)), torch.full((2,) * axes, 2.0))
+        assert len(compiled) == 4
+        assert torch._dynamo.config.recompile_limit == limit
+        with pytest.raises(torch._dynamo.exc.FailOnRecompileLimitHit):  # power
+            [plain(torch.ones((2,) * axes)) for axes in (1, 2, 3, 4)]
 
 
 @pytest.mark.slow
