@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 import torch
 
 from specklegen.core.random_streams import Seed, Stream
@@ -60,6 +61,6 @@ class Addresses:
         """Keys int64[..., 2] of the engine's generator, of words int64[..., n]."""
         return random_words.stream_keys(random_words.keyed(stream, words)).to(self.device, non_blocking=True)
 
-    def put(self, numbers: Sequence[int]) -> torch.Tensor:
-        """Whole numbers on the device, int64[B]."""
-        return torch.tensor(numbers, dtype=torch.int64).to(self.device, non_blocking=True)
+    def put(self, numbers: Sequence[int] | np.ndarray) -> torch.Tensor:
+        """Whole numbers on the device, int64[...]."""
+        return torch.from_numpy(np.array(numbers, np.int64)).to(self.device, non_blocking=True)

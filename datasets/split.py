@@ -131,6 +131,16 @@ def position_in_pass(seed: Seed, split: Split, index: int, count: int) -> int:
     return int(_pass_order(seed_words(seed), split, index // count, count)[index % count])
 
 
+def positions_in_passes(seed: Seed, split: Split, indices: Sequence[int], count: int) -> np.ndarray:
+    """Return :func:`position_in_pass` of many samples, int64[B]."""
+    words, (number, place) = seed_words(seed), np.divmod(np.asarray(indices, np.int64), count)
+    positions = np.empty_like(place)
+    for one in np.unique(number):
+        own = number == one
+        positions[own] = _pass_order(words, split, int(one), count)[place[own]]
+    return positions
+
+
 @lru_cache(maxsize=32)
 def _pass_order(seed: Seed, split: Split, number: int, count: int) -> np.ndarray:
     return generator(substream(seed, split, Purpose.OBJECT_ORDER, number)).permutation(count)

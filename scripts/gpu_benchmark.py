@@ -4,6 +4,7 @@
     python scripts/gpu_benchmark.py --device cpu       the same on the CPU, for comparison
     python scripts/gpu_benchmark.py --only streams     batches of recipes (docs/notes/devices.md) and of other tools
     python scripts/gpu_benchmark.py --profile through-slab     where the time of a recipe's batches goes
+    python scripts/gpu_benchmark.py --device meta      CPU time of the host for an image, graphs replayed, without a GPU
 
 Limits are measured in the same run: bytes a second of a large copy (read and written), and floating-point operations
 a second of a large complex64 matrix product. Beside each rate stand the bytes and operations that one image cannot do
@@ -17,6 +18,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,7 @@ import specklegen as sg
 from specklegen.datasets import SpeckleStream, load_recipe
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.memory_effects.correlation import MemoryEffectCorrelation, estimate_correlation
+from specklegen.synthesis import imaging
 from specklegen.synthesis.objects import object_imaging, object_media
 from specklegen.synthesis.stacks import stack_sampler
 
@@ -136,9 +139,9 @@ def needs(generator: SpeckleGenerator, numbers: list[int]) -> tuple[float, float
     made = generator.media(list(dict.fromkeys(recipe.medium_number(n) for n in numbers)))
     found = []
     for group, _ in made.at:
-        imaging = made.groups[group][1]
-        (rows, columns), (h, w), tilts, rank = imaging.lags, imaging.shape, imaging.modes.shape[1], imaging.rank
-        cells = 0 if recipe.shares_media else imaging.envelope[0].numel()  # media that come again are kept
+        seen = made.groups[group][1]
+        (rows, columns), (h, w), tilts, rank = seen.lags, seen.shape, seen.modes.shape[1], seen.rank
+        cells = 0 if recipe.shares_media else seen.envelope[0].numel()  # media that come again are kept
         half = columns // 2 + 1
         pairs = rank * (rank + 1) / 2
         noise = 16 * rank * cells + 16 * rank * rows * columns + 8 * pairs * rows * columns if cells else 0
@@ -183,6 +186,36 @@ def profile(name: str, device: torch.device) -> None:
             next(batches)
     for by in ("self_cpu_time_total", "cpu_time_total", *(["self_cuda_time_total"] if device.type == "cuda" else [])):
         print(found.key_averages().table(sort_by=by, row_limit=25, max_name_column_width=60))
+
+
+def host(name: str, batch: int) -> float:
+    """CPU seconds of the host for an image on "meta", which computes nothing, least of three batches.
+
+    Functions that CUDA graphs replay run once; from then on their inputs are copied alone. Ranks, of which "meta" has
+    no numbers, are those that the CPU finds.
+    """
+    recipe = load_recipe(name, {"material": {"kernel_paths": 20_000}} if name == "through-slab" else {})
+    media = SpeckleGenerator(recipe, 0).media(list(dict.fromkeys(recipe.medium_number(n) for n in range(batch))))
+    ranks = [media.groups[group][1].rank for group, _ in media.at]
+    imaging._ranks = lambda modes: (ranks * -(-len(modes.rank) // len(ranks)))[: len(modes.rank)]
+    generator, kept = SpeckleGenerator(recipe, 0, device="meta"), {}
+
+    def replayed(name: Any, function: Callable[..., Any], inputs: dict[str, torch.Tensor]) -> Any:
+        key = name, *(value.shape for value in inputs.values())
+        if key not in kept:
+            kept[key] = function(**inputs), {each: value.clone() for each, value in inputs.items()}
+        for each, value in inputs.items():
+            kept[key][1][each].copy_(value)
+        return kept[key][0]
+
+    generator.run = replayed
+    generator(range(batch))
+    took = []
+    for first in range(0, 3 * batch, batch):
+        start = time.process_time()
+        generator(range(first, first + batch))
+        took.append(time.process_time() - start)
+    return min(took) / batch
 
 
 def peers(device: torch.device, repeats: int) -> dict[str, dict[str, float]]:
@@ -277,6 +310,10 @@ def main() -> None:
     device = torch.device(options.device)
     if device.type == "cuda" and not torch.cuda.is_available():
         raise SystemExit("No CUDA device is at hand: install a CUDA build of torch, or use --device cpu.")
+    if device.type == "meta":
+        for name, batch in product(("unknown-slab", "through-slab"), (4096, 256)):
+            print(f"{name}, batches of {batch}: {1e6 * host(name, batch):.1f} us of the host for an image", flush=True)
+        return None
     if options.profile:
         return profile(options.profile, device)
     name = torch.cuda.get_device_name(device) if device.type == "cuda" else f"CPU, {torch.get_num_threads()} threads"

@@ -1,4 +1,11 @@
-"""Counting what a batch costs a device: operators (a launch each), bytes they read and write, waits of the host."""
+"""Counting what a batch costs a device: operators (a launch each), bytes they read and write, waits of the host.
+
+And what it costs the host: torch operators that it calls, replays of graphs aside, and calls of our functions.
+"""
+
+import sys
+from contextlib import contextmanager
+from pathlib import Path
 
 import torch
 from torch.utils._python_dispatch import TorchDispatchMode
@@ -35,8 +42,59 @@ class Counting(TorchDispatchMode):
             self.names[name] = self.names.get(name, 0) + 1
             if name == "index_put_":  # the target is written where the values go, no more
                 inputs, outputs = [*inputs[1:], inputs[-1]], []
+            elif name in ("index", "index_select"):  # the rows that are picked are read, no others
+                inputs = [*inputs[1:], *outputs]
             for value in [*inputs, *outputs]:
                 if value.device.type == self.kind:
                     # An expanded tensor is read once.
                     self.bytes += min(value.numel() * value.element_size(), value.untyped_storage().nbytes())
         return result
+
+
+PACKAGES = tuple(str(Path(__file__).resolve().parents[1] / name) for name in ("specklegen", "datasets", "models"))
+
+
+class Replays:
+    """What stands for CUDA graphs on "meta": a function runs once for each name and shapes, beside all counting."""
+
+    def __init__(self):
+        self.kept = {}
+
+    def __call__(self, name, function, inputs):
+        key = name, *(value.shape for value in inputs.values())
+        if key not in self.kept:
+            with torch._C._DisableTorchDispatch():
+                self.kept[key] = function(**inputs), {each: value.clone() for each, value in inputs.items()}
+        result, places = self.kept[key]
+        for each, value in inputs.items():
+            places[each].copy_(value)
+        return result
+
+
+class Operators(TorchDispatchMode):
+    """Counts all operators that the host calls, those that make no kernel among them."""
+
+    def __init__(self):
+        super().__init__()
+        self.count = 0
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        self.count += 1
+        return func(*args, **(kwargs or {}))
+
+
+@contextmanager
+def python_calls():
+    """Count calls of Python functions of this library, each step of a generator too, in the list that this gives."""
+    calls = [0]
+
+    def seen(frame, event, _):
+        if event == "call" and frame.f_code.co_filename.startswith(PACKAGES):
+            calls[0] += 1
+
+    before = sys.getprofile()
+    sys.setprofile(seen)
+    try:
+        yield calls
+    finally:
+        sys.setprofile(before)

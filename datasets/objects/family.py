@@ -44,6 +44,7 @@ from specklegen.datasets.split import (
     generator,
     keys_of_split,
     position_in_pass,
+    positions_in_passes,
     split_number,
     split_of,
     substream,
@@ -125,6 +126,11 @@ class ObjectFamily(Registered):
         """Labels of a source, stored with every sample, by ``label_names``: "label", -1 where it has none."""
         return {"label": -1.0}
 
+    def labels_of(self, drawn: "Addresses", numbers: Sequence[int]) -> dict[str, np.ndarray]:
+        """Labels float64[B] of the objects of samples, by name; :meth:`labels` of each."""
+        rows = [self.labels(self.source(drawn.seed, drawn.split, number)) for number in numbers]
+        return {name: np.array([row[name] for row in rows], np.float64) for name in rows[0]}
+
     @property
     def file_names(self) -> tuple[str, ...]:
         """Names of the files that objects are made from, by the number "file" of a sample; none of other families."""
@@ -163,6 +169,35 @@ class ListedFamily(ObjectFamily):
 
     def source(self, seed: Seed, split: Split, index: int) -> Source:
         """Take the next source of the split's list, which is shuffled anew for each pass through it."""
+        sources = self._enough(split)
+        return sources[position_in_pass(seed, split, index, len(sources))]
+
+    @property
+    def dealt(self) -> bool:
+        """True if sources are taken from the shuffled list: not if a class of one's own takes them in another way."""
+        return type(self).source is ListedFamily.source
+
+    def positions(self, drawn: "Addresses", numbers: Sequence[int]) -> np.ndarray:
+        """Places int64[B] of the sources of samples in the list of their split, where they are :attr:`dealt`."""
+        return positions_in_passes(drawn.seed, drawn.split, numbers, len(self._enough(drawn.split)))
+
+    def labels_of(self, drawn: "Addresses", numbers: Sequence[int]) -> dict[str, np.ndarray]:
+        """Labels float64[B] of the objects of samples, by name, from a table of all sources of the split."""
+        if not self.dealt:
+            return super().labels_of(drawn, numbers)
+        positions = self.positions(drawn, numbers)
+        return {name: column[positions] for name, column in self._labels_by_split[drawn.split].items()}
+
+    @cached_property
+    def _labels_by_split(self) -> dict[Split, dict[str, np.ndarray]]:
+        tables: dict[Split, dict[str, np.ndarray]] = {}
+        for split, sources in self.by_split.items():
+            rows = [self.labels(source) for source in sources]
+            tables[split] = {name: np.array([row[name] for row in rows], np.float64) for name in (rows or [{}])[0]}
+        return tables
+
+    def _enough(self, split: Split) -> tuple[Source, ...]:
+        """Sources of a split, of which there is at least one."""
         sources = self.sources_of_split(split)
         if not sources:
             reject(
@@ -171,7 +206,7 @@ class ListedFamily(ObjectFamily):
                 f"{len(self.sources())} in all",
                 "Add files or characters: each split needs its own, so at least 3.",
             )
-        return sources[position_in_pass(seed, split, index, len(sources))]
+        return sources
 
 
 class DrawnFamily(ObjectFamily):

@@ -97,7 +97,7 @@ class Glyphs(ListedFamily):
     @property
     def drawn_together(self) -> bool:
         """True if pictures of many samples are drawn where the samples are made: not those of a class of one's own."""
-        return type(self).picture is Glyphs.picture
+        return type(self).picture is Glyphs.picture and self.dealt
 
     def images(self, drawn: "Addresses", numbers: Sequence[int]) -> "torch.Tensor":
         """Characters of samples, float32[B, h, w], drawn where they are wanted; of a class of one's own, here."""
@@ -105,9 +105,16 @@ class Glyphs(ListedFamily):
             return super().images(drawn, numbers)
         from specklegen.datasets.objects.glyph_batches import glyphs
 
-        sources = (self.source(drawn.seed, drawn.split, number) for number in numbers)
-        places = drawn.put([place_of(*map(str, source)) for source in sources])
+        places = drawn.put(self._outlines_by_split[drawn.split][self.positions(drawn, numbers)])
         return glyphs(places, drawn.uniforms(Purpose.OBJECT, numbers), self.shape, self.rotation, self.size)
+
+    @cached_property
+    def _outlines_by_split(self) -> dict[Split, np.ndarray]:
+        """Numbers int64[n] of the outlines of each split's sources."""
+        return {
+            split: np.array([place_of(*map(str, source)) for source in sources], np.int64)
+            for split, sources in self.by_split.items()
+        }
 
     def picture(self, source: Source, rng: np.random.Generator) -> np.ndarray:
         """Character turned, scaled to its turned extent and put where it fits; float[h, w], area covered."""

@@ -12,13 +12,14 @@ which slabs the lookup table has, whether the first polynomials are enough, and 
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import index
 from threading import Lock
 from typing import Any, cast
 
+import numpy as np
 import torch
 
 from specklegen.core.devices import checked_device
@@ -32,6 +33,7 @@ from specklegen.datasets.recipes.parts import exposure
 from specklegen.datasets.recipes.parts.light import Lit
 from specklegen.datasets.recipes.parts.sampler import number_of
 from specklegen.datasets.split import Split, split_number
+from specklegen.synthesis.contrast import speckle_contrast
 from specklegen.synthesis.correlations import Places
 from specklegen.synthesis.graphs import Graphs, each_time
 from specklegen.synthesis.imaging import ImagedMedia, Imaging
@@ -60,17 +62,43 @@ class ReadyMedia:
     ----------
     groups : list of (places, imaging)
         Media that are rendered together; where they share one imaging, it is the same object.
-    at : list of (group, place)
-        Of every medium.
+    at : int64[M, 2]
+        Group of every medium, and place in it.
     parameters : dict of float64[M]
         What is stored of them, the sampler included.
     """
 
     drawn: DrawnMedia
     groups: list[tuple[list[int], Any]]
-    at: list[tuple[int, int]]
+    at: np.ndarray
     parameters: dict[str, torch.Tensor]
     streams: Streams
+
+
+@dataclass(frozen=True)
+class Behind:
+    """Samples that are seen through media of one batch.
+
+    Attributes
+    ----------
+    samples : int64[n]
+        Their places among the samples.
+    made : ReadyMedia
+        The media.
+    media : int64[n]
+        Place of the medium of each.
+    """
+
+    samples: np.ndarray
+    made: ReadyMedia
+    media: np.ndarray
+
+    def groups(self) -> Iterator[tuple[Any, np.ndarray]]:
+        """Yield samples whose media are rendered together: what images them, and which they are, int64[m]."""
+        group = self.made.at[self.media, 0]
+        order = np.argsort(group, kind="stable")
+        for rows in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
+            yield self.made.groups[group[rows[0]]][1], rows
 
 
 class SpeckleGenerator:
@@ -158,7 +186,7 @@ class SpeckleGenerator:
         recipe, drawn = self.recipe, self.drawn
         parts = recipe.drawn_media(drawn, numbers)
         groups: list[tuple[list[int], Any]] = []
-        values: dict[str, list[tuple[list[int], torch.Tensor]]] = {}
+        values: list[tuple[list[int], dict[str, torch.Tensor]]] = []
         for places, media in parts:
             for some, rendering in recipe.renderings(media):
                 of = media if len(some) == len(media) else media.at(some)
@@ -166,15 +194,12 @@ class SpeckleGenerator:
                 groups += [([at[n] for n in own], imaging) for own, imaging in self._prepared(of, rendering)]
                 whole = partial(torch.full, (len(at),), dtype=torch.float64, device=self.device)
                 sampler, error = float(number_of(rendering.chosen)), rendering.expected_error
-                own = of.parameters | {"sampler": whole(sampler), "expected_error": whole(error)}
-                for name, value in own.items():
-                    values.setdefault(name, []).append((at, value))
-        at_place: dict[int, tuple[int, int]] = {}
+                values.append((at, of.parameters | {"sampler": whole(sampler), "expected_error": whole(error)}))
+        ordered = np.empty((len(numbers), 2), np.int64)
         for group, (places, _) in enumerate(groups):
-            at_place |= {place: (group, n) for n, place in enumerate(places)}
+            ordered[places, 0], ordered[places, 1] = group, np.arange(len(places))
         whole_drawn = _together(parts, len(numbers))
-        parameters = {name: _scattered(rows, len(numbers)) for name, rows in values.items()}
-        ordered = [at_place[n] for n in range(len(numbers))]
+        parameters = _scattered(values, len(numbers))
         streams = self._streams(numbers, whole_drawn)._replace(shares=recipe.polarisation_shares(parameters))
         return ReadyMedia(whole_drawn, groups, ordered, parameters, streams)
 
@@ -207,19 +232,20 @@ class SpeckleGenerator:
         later = self.recipe.later_frames(self.drawn, numbers)
         return Streams(keys if later is None else torch.cat([keys, later], 2), media.still, words)
 
-    def _ready(self, numbers: list[int]) -> list[tuple[ReadyMedia, int]]:
-        """Media made ready, and where each is; those that come again are kept."""
+    def _ready(self, numbers: list[int]) -> list[Behind]:
+        """Media made ready, and which samples are behind which; those that come again are kept."""
         if not self.recipe.shares_media:
-            batch = self.media(numbers)
-            return [(batch, n) for n in range(len(numbers))]
+            every = np.arange(len(numbers))
+            return [Behind(every, self.media(numbers), every)]
+        different = [*dict.fromkeys(numbers)]
         with self._lock:
-            ready = {number: self._media[number] for number in numbers if number in self._media}
-        missing = [number for number in dict.fromkeys(numbers) if number not in ready]
+            ready = {number: self._media[number] for number in different if number in self._media}
+        missing = [number for number in different if number not in ready]
         if missing:
             batch = self.media(missing)
             ready |= {number: (batch, n) for n, number in enumerate(missing)}
         with self._lock:  # others may have dropped by now what was there
-            for number in numbers:
+            for number in reversed(dict.fromkeys(reversed(numbers))):
                 self._media[number] = ready[number]
                 self._media.move_to_end(number)
             most = KEPT if self.device.type == "cpu" else max(KEPT, self.recipe.media or 0)
@@ -227,24 +253,20 @@ class SpeckleGenerator:
                 dropped, _ = self._media.popitem(last=False)
                 self._spectra.pop(dropped, None)
                 self._fields.pop(dropped, None)
-        return [ready[number] for number in numbers]
+        batches = {id(batch): batch for batch, _ in ready.values()}
+        number_of_batch = {key: n for n, key in enumerate(batches)}
+        at = {number: (number_of_batch[id(batch)], n) for number, (batch, n) in ready.items()}
+        which, media = np.array([at[number] for number in numbers]).T
+        samples = [np.flatnonzero(which == n) for n in range(len(batches))]
+        return [Behind(own, batch, media[own]) for own, batch in zip(samples, batches.values(), strict=True)]
 
     def _batch(self, numbers: list[int]) -> dict[str, Any]:
         recipe = self.recipe
-        media = [recipe.medium_number(n) for n in numbers]
+        media = recipe.medium_numbers(numbers)
         ready = self._ready(media)
         lit = recipe.lit(self.shown, numbers)
         images = self._images(media, ready, lit)
-        whole = ready[0][0]
-        if all(batch is whole for batch, _ in ready):
-            places = [n for _, n in ready]
-            parameters = {name: value[places] for name, value in whole.parameters.items()}
-            tilts = whole.drawn.tilts[places]
-        else:
-            parameters = {
-                name: torch.stack([batch.parameters[name][n] for batch, n in ready]) for name in whole.parameters
-            }
-            tilts = torch.stack([batch.drawn.tilts[n] for batch, n in ready])
+        tilts, parameters = self._of_samples(ready, len(numbers))
         parameters |= lit.parameters
         left = recipe.light.halves**-0.5 * recipe.contrast_left(parameters)
         parameters["expected_contrast"] = self._contrasts(ready, lit) * left
@@ -263,50 +285,91 @@ class SpeckleGenerator:
         named = recipe.named(images, tilts, parameters) | lit.arrays
         return named | {"index": self.drawn.put(numbers), "parameters": parameters}
 
-    def _images(self, media: list[int], ready: list[tuple[ReadyMedia, int]], lit: Lit) -> torch.Tensor:
+    def _of_samples(self, ready: list[Behind], count: int) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+        """Tilts float64[B, T, 2] and parameters float64[B] of the media of samples."""
+        rows = []
+        for behind in ready:
+            made = behind.made
+            media, values = self.drawn.put(behind.media), {"": made.drawn.tilts} | made.parameters
+            values = {name: value.index_select(0, media) for name, value in values.items()}
+            rows.append((behind.samples.tolist(), values))
+        parameters = _scattered(rows, count)
+        return parameters.pop(""), parameters
+
+    def _images(self, media: list[int], ready: list[Behind], lit: Lit) -> torch.Tensor:
         """Images over their expected value, float32[B, T or F, H, W]."""
         shape = (self.recipe.pictures, *self.recipe.camera_shape)
         images = torch.zeros((len(media), *shape), device=self.device)
-        for places, batch, imaging in _grouped(ready):
-            for some in _chunks(places, self._chunk(imaging, batch.streams)):
-                at = self._at(some)
-                images[at] = self._rendered([media[p] for p in some], imaging, batch, [ready[p][1] for p in some],
-                                            lit.at(at))  # fmt: skip
+        for behind in ready:
+            for imaging, rows in behind.groups():
+                chunks = _chunks(rows, self._chunk(imaging, behind.made.streams))
+                samples, places = behind.samples[chunks], behind.media[chunks]
+                if self.one_by_one or not isinstance(imaging, Imaging) or lit.step is not None:
+                    for some, of in zip(samples, places, strict=True):
+                        at = self._at(some)
+                        images[at] = self._rendered(media[some[0]], imaging, behind.made, of, lit.at(at))
+                else:
+                    self._render(images, media, imaging, behind.made, samples, places, lit.light)
         return images
 
-    def _at(self, places: list[int]) -> Places:
-        """Return places as what picks them fastest: one is a view."""
-        return slice(places[0], places[0] + 1) if len(places) == 1 else self.drawn.put(places)
+    def _at(self, places: np.ndarray) -> Places:
+        """Return places as what picks them fastest: those that follow each other are a view."""
+        first = int(places[0])
+        if np.array_equal(places, np.arange(first, first + len(places))):
+            return slice(first, first + len(places))
+        return self.drawn.put(places)
 
-    def _rendered(
-        self, media: list[int], imaging: Any, made: ReadyMedia, places: list[int], lit: Lit
-    ) -> torch.Tensor:
-        """Images of a chunk of samples, of one imaging."""
-        within = [made.at[n][1] for n in places]
-        first, last = within[0], within[-1] + 1
-        # Media that follow each other are a view of their batch, others are copied.
-        some = imaging.at(slice(first, last) if within == [*range(first, last)] else self.drawn.put(within))
+    def _rendered(self, medium: int, imaging: Any, made: ReadyMedia, places: np.ndarray, lit: Lit) -> torch.Tensor:
+        """Images of a chunk of samples, of one imaging; on the CPU of one, seen through a medium of this number."""
+        some, at = imaging.at(self._at(made.at[places, 1])), self._at(places)
         if not isinstance(some, Imaging) or lit.step is not None:
-            drawn = some.media(made.streams.at(self._at(places)))
+            drawn = some.media(made.streams.at(at))
             seen = drawn.images(lit.light) if lit.step is None else drawn.superposed(lit.light, lit.step)
             return self.recipe.exposed(seen).to(torch.float32)
-        own = {} if self.one_by_one or self.recipe.media_alike else some.tensors()  # what stays is not copied
-        shared = self.recipe.shares_media
-        if shared and self._keeps(media[0], imaging):  # on the CPU a chunk is one sample
-            held = [self._spectra_of(m, imaging, made, place) for m, place in zip(media, places, strict=True)]
-            inputs = {"spectra": torch.cat(held) if len(held) > 1 else held[0], "light": lit.light} | own
-            seen = self.run(("kept", *some.statics), partial(_seen_through, some, self.one_by_one), inputs)
-            return self.recipe.exposed(seen)
-        streams = made.streams.at(self._at(places))
-        if shared and self._keeps_fields(media[0], imaging, streams):
-            fields = self._of_medium(self._fields, media[0], lambda: some.media(streams).drawn)
+        if self.recipe.shares_media and self._keeps(medium, imaging):
+            spectra = self._of_medium(self._spectra, medium, lambda: some.media(made.streams.at(at)).shared().spectra)
+            return self.recipe.exposed(ImagedMedia(some, None, spectra).images(lit.light))
+        if self.recipe.shares_media and self._keeps_fields(medium, imaging, made.streams):
+            fields = self._of_medium(self._fields, medium, lambda: some.media(made.streams.at(at)).drawn)
             return self.recipe.exposed(ImagedMedia(some, fields).images(lit.light))
-        inputs = {"keys": streams.keys, "still": streams.still, "light": lit.light} | own
-        if streams.shares is not None:
-            inputs["shares"] = streams.shares
-        return self.recipe.exposed(self.run(
-            ("drawn", streams.shares is None, *some.statics), partial(_drawn_and_seen, some, self.one_by_one), inputs
-        ))  # fmt: skip
+        return self.recipe.exposed(some.media(made.streams.at(at)).images(lit.light))
+
+    def _render(
+        self, images: torch.Tensor, media: list[int], imaging: Imaging, made: ReadyMedia, samples: np.ndarray,
+        places: np.ndarray, light: torch.Tensor,
+    ) -> None:  # fmt: skip
+        """Write the images of samples int64[chunks, n] behind media int64[chunks, n] of one imaging, on a device.
+
+        Tensors of the batch go where a graph finds them once for all chunks, which pick their rows by themselves.
+        """
+        streams, within = made.streams, made.at[places, 1]
+        tables: list[dict[str, torch.Tensor]] = [{"light": light}, {}, {}]
+        if not self.recipe.media_alike:  # what stays is not copied
+            tables[2] = imaging.tensors()
+        if self.recipe.shares_media and self._keeps(media[samples[0, 0]], imaging):
+            different, first, which = np.unique(places, return_index=True, return_inverse=True)
+            numbers = [media[n] for n in samples.reshape(-1)[first]]
+            held = [self._spectra_of(*each, imaging, made) for each in zip(numbers, different, strict=True)]
+            tables[1] = {"spectra": torch.cat(held) if len(held) > 1 else held[0]}
+            name, function, places = "kept", _seen_through, which.reshape(places.shape)
+        else:
+            tables[1] = {"keys": streams.keys, "still": streams.still}
+            if streams.shares is not None:
+                tables[1]["shares"] = streams.shares
+            name, function = "drawn", _drawn_and_seen
+        chosen = self.drawn.put(np.stack([samples, places, within], 1)).unbind(0)
+        if self.run is each_time:
+            for some, of in zip(chosen, within, strict=True):
+                at, medium, _ = some.unbind(0)
+                images[at] = self.recipe.exposed(function(imaging, tables, (at, medium, self._at(of))))
+            return
+        stage = self.run.stage if isinstance(self.run, Graphs) else _as_they_are
+        key, tables = stage((name, *imaging.statics), tables)
+        # A graph holds on to what it reads: not to the tensors of this batch, of which it picks none.
+        bare = imaging.of(dict.fromkeys(tables[2], torch.empty(0)))
+        seen = partial(function, bare, tables)
+        for some in chosen:
+            images[some[0]] = self.recipe.exposed(self.run(key, seen, {"places": some}))
 
     def _keeps(self, medium: int, imaging: Imaging) -> bool:
         """True if spectra of shared media are kept: by recipe and medium alone; last bits of samples depend on it."""
@@ -320,9 +383,9 @@ class SpeckleGenerator:
         each = imaging.field_bytes * streams.keys[0].numel() // 2
         return self.device.type == "cpu" and _few(each, medium)
 
-    def _spectra_of(self, medium: int, imaging: Imaging, made: ReadyMedia, place: int) -> torch.Tensor:
+    def _spectra_of(self, medium: int, place: int, imaging: Imaging, made: ReadyMedia) -> torch.Tensor:
         """Spectra of one medium, complex64[1, F, pairs, n, m], kept for all objects behind it."""
-        some, own = imaging.at(self._at([made.at[place][1]])), made.streams.at(self._at([place]))
+        some, own = imaging.at(self._at(made.at[[place], 1])), made.streams.at(slice(place, place + 1))
         return self._of_medium(self._spectra, medium, lambda: some.media(own).shared().spectra)
 
     def _of_medium(
@@ -351,17 +414,28 @@ class SpeckleGenerator:
         most = CHUNK if imaging.rank <= 3 or self.recipe.media_alike else CHUNK // 4
         return 2 ** int(math.log2(max(1, min(most, CHUNK_BYTES // bytes_each))))
 
-    def _contrasts(self, ready: list[tuple[ReadyMedia, int]], lit: Lit) -> torch.Tensor:
+    def _contrasts(self, ready: list[Behind], lit: Lit) -> torch.Tensor:
         """Expected contrast float64[B] of the images under polarised light; 1 of beams that interfere."""
-        contrasts = torch.ones(len(ready), dtype=torch.float64, device=self.device)
+        contrasts = torch.ones(sum(len(behind.samples) for behind in ready), dtype=torch.float64, device=self.device)
         if lit.step is not None:
             return contrasts
-        for places, batch, imaging in _grouped(ready):
-            # In chunks of one size on a device, where an operator is compiled anew for every number of samples.
-            for some in [places] if self.one_by_one else _chunks(places, CHUNK):
-                within = self._at([batch.at[ready[place][1]][1] for place in some])
-                at = self._at(some)
-                contrasts[at] = imaging.contrast(lit.light[at], within)
+        for behind in ready:
+            variances, places = [], []
+            for imaging, rows in behind.groups():
+                at, within = behind.samples[rows], behind.made.at[behind.media[rows], 1]
+                if self.one_by_one or not isinstance(imaging, Imaging):
+                    contrasts[self._at(at)] = imaging.contrast(lit.light[self._at(at)], self._at(within))
+                    continue
+                own = np.minimum(within, len(imaging) - 1)  # one may be for all
+                places.append(np.stack([at, own + sum(map(len, variances))]))
+                variances.append(imaging.variance)
+            if not variances:
+                continue
+            variance = torch.cat(variances) if len(variances) > 1 else variances[0]
+            # In chunks of one size, since transforms are planned anew for every number of samples.
+            for some in self.drawn.put(_chunks(np.concatenate(places, 1), AT_ONCE // 4)).unbind(1):
+                at, own = some.unbind(0)
+                contrasts[at] = speckle_contrast(lit.light[at], variance[own])
         return contrasts
 
 
@@ -370,29 +444,28 @@ def _few(each: int, medium: int) -> bool:
     return each <= _KEPT_BYTES or each * (medium + 1) <= _FIRST_BYTES
 
 
-def _grouped(ready: list[tuple[ReadyMedia, int]]) -> Iterator[tuple[list[int], ReadyMedia, Any]]:
-    """Samples whose media are rendered together: their places, the media, and what images them."""
-    members: dict[tuple[int, int], list[int]] = {}
-    for place, (batch, n) in enumerate(ready):
-        members.setdefault((id(batch), batch.at[n][0]), []).append(place)
-    for places in members.values():
-        batch, n = ready[places[0]]
-        yield places, batch, batch.groups[batch.at[n][0]][1]
+def _as_they_are(name: Hashable, tables: list[dict[str, torch.Tensor]]) -> tuple[Hashable, Any]:
+    return name, tables
 
 
-def _drawn_and_seen(
-    imaging: Imaging, one_by_one: bool, keys: Any, still: Any, light: Any, shares: Any = None, **tensors: torch.Tensor
-) -> torch.Tensor:
-    """Images of drawn media, over their expected value; not one by one of tensors alone, so that it can be replayed."""
-    some = imaging.of(tensors)
-    return ImagedMedia(some, some.fields(keys, still, shares=shares), None, one_by_one).images(light)
+def _picked(tables: list[dict[str, torch.Tensor]], places: Iterable[Any]) -> dict[str, torch.Tensor]:
+    """Rows of the tensors of tables, by name: those of each table at places of its own."""
+    return {name: value[at] for table, at in zip(tables, places, strict=True) for name, value in table.items()}
 
 
-def _seen_through(
-    imaging: Imaging, one_by_one: bool, spectra: Any, light: Any, **tensors: torch.Tensor
-) -> torch.Tensor:
+def _drawn_and_seen(imaging: Imaging, tables: list[dict[str, torch.Tensor]], places: Any) -> torch.Tensor:
+    """Images of drawn media, over their expected value; of tensors alone, so that it can be replayed."""
+    rows = _picked(tables, places)
+    light, keys, still = (rows.pop(name) for name in ("light", "keys", "still"))
+    shares, some = rows.pop("shares", None), imaging.of(rows)
+    return ImagedMedia(some, some.fields(keys, still, shares=shares), None, False).images(light)
+
+
+def _seen_through(imaging: Imaging, tables: list[dict[str, torch.Tensor]], places: Any) -> torch.Tensor:
     """Images through kept media."""
-    return ImagedMedia(imaging.of(tensors), None, spectra, one_by_one).images(light)
+    rows = _picked(tables, places)
+    light, spectra = rows.pop("light"), rows.pop("spectra")
+    return ImagedMedia(imaging.of(rows), None, spectra, False).images(light)
 
 
 def _together(parts: list[tuple[list[int], DrawnMedia]], count: int) -> DrawnMedia:
@@ -400,26 +473,31 @@ def _together(parts: list[tuple[list[int], DrawnMedia]], count: int) -> DrawnMed
     _, first = parts[0]
     if len(parts) == 1:
         return first
-    tilts, still = ([(places, getattr(part, name)) for places, part in parts] for name in ("tilts", "still"))
-    return replace(first, tilts=_scattered(tilts, count), still=_scattered(still, count))
+    rows = [(places, {"tilts": part.tilts, "still": part.still}) for places, part in parts]
+    return replace(first, **_scattered(rows, count))
 
 
-def _scattered(parts: list[tuple[list[int], torch.Tensor]], count: int) -> torch.Tensor:
-    """Rows of several parts in their places; NaN where a part has none."""
+def _scattered(parts: list[tuple[list[int], dict[str, torch.Tensor]]], count: int) -> dict[str, torch.Tensor]:
+    """Rows of several parts in their places, by name; NaN where a part has none."""
     places, first = parts[0]
     if len(parts) == 1 and places == [*range(count)]:
         return first
-    whole = torch.full((count, *first.shape[1:]), torch.nan, dtype=first.dtype, device=first.device)
-    for places, rows in parts:
-        whole[places] = rows
+    whole: dict[str, torch.Tensor] = {}
+    for places, values in parts:
+        for name, rows in values.items():
+            if name not in whole:
+                whole[name] = torch.full((count, *rows.shape[1:]), torch.nan, dtype=rows.dtype, device=rows.device)
+            whole[name][places] = rows
     return whole
 
 
-def _chunks(places: list[int], size: int) -> Iterator[list[int]]:
-    """Cut places into chunks of one size, the last filled up with its first place once more, with the same bits."""
-    for first in range(0, len(places), size):
-        some = places[first : first + size]
-        yield some + some[:1] * (size - len(some))
+def _chunks(places: np.ndarray, size: int) -> np.ndarray:
+    """Cut places int64[..., n] into int64[..., chunks, size]; the last is filled up with its first, to equal bits."""
+    count = places.shape[-1]
+    chunks = -(-count // size)
+    filled = np.arange(chunks * size)
+    filled[count:] = (chunks - 1) * size
+    return places[..., filled].reshape(*places.shape[:-1], chunks, size)
 
 
 _Key = tuple[RecipeMedia, tuple[int, ...], Split, str]

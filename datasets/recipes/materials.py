@@ -38,21 +38,25 @@ class Materials:
         Their memory effect.
     half_range : float64[M]
         Lateral wavevector difference at which C_I is half way to its floor; inf where there is none.
-    slabs : tuple of function
+    slabs : sequence of function
         Each makes the medium of the engine.
     """
 
     parameters: dict[str, torch.Tensor]
     correlations: Correlations
     half_range: torch.Tensor
-    slabs: tuple[Callable[[], Slab | ScreenStack], ...]
+    slabs: Sequence[Callable[[], Slab | ScreenStack]]
 
     def __len__(self) -> int:
         return len(self.slabs)
 
     def at(self, places: Places) -> "Materials":
         """Some of them."""
-        slabs = tuple(self.slabs[n] for n in (range(len(self))[places] if isinstance(places, slice) else places))
+        slabs = self.slabs
+        if isinstance(slabs, _LookedUp):
+            slabs = _LookedUp(slabs.numbers[places])
+        else:
+            slabs = tuple(slabs[n] for n in (range(len(self))[places] if isinstance(places, slice) else places))
         some = {name: value[places] for name, value in self.parameters.items()}
         return Materials(some, self.correlations.at(places), self.half_range[places], slabs)
 
@@ -155,8 +159,27 @@ def _looked_up(
         "estimator": whole(float(Estimator.ATLAS)),
     }  # fmt: skip
     numbers = torch.stack([thickness, mean_free_path, albedo, g], -1)
-    slabs = tuple(partial(_slab, numbers, place) for place in range(len(media)))
-    return Materials(parameters, Mixtures(entry.radius, entry.share, mixture), half, slabs), entry.served & known
+    mixtures = Mixtures(entry.radius, entry.share, mixture)
+    return Materials(parameters, mixtures, half, _LookedUp(numbers)), entry.served & known
+
+
+@dataclass(frozen=True, eq=False)
+class _LookedUp(Sequence[Callable[[], Slab]]):
+    """Functions that make slabs, one by one of those that are asked for.
+
+    Attributes
+    ----------
+    numbers : float64[M, 4]
+        Thickness, mean free path, albedo and g.
+    """
+
+    numbers: torch.Tensor
+
+    def __getitem__(self, place: int) -> Callable[[], Slab]:  # type: ignore[override]
+        return partial(_slab, self.numbers, range(len(self))[place])  # which ends an iteration
+
+    def __len__(self) -> int:
+        return len(self.numbers)
 
 
 def _slab(numbers: torch.Tensor, place: int) -> Slab:

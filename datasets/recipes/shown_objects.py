@@ -41,8 +41,5 @@ class ShownObjects(Recipe):
 
     def labels(self, drawn: "Addresses", numbers: Sequence[int]) -> "dict[str, torch.Tensor]":
         """Labels float64[B] of the objects of samples, by name."""
-        found = [self.objects.labels(self.objects.source(drawn.seed, drawn.split, n)) for n in numbers]
-        return {
-            name: torch.tensor([each[name] for each in found], dtype=torch.float64).to(drawn.device)
-            for name in found[0]
-        }  # fmt: skip
+        labels = self.objects.labels_of(drawn, numbers)
+        return {name: torch.from_numpy(column).to(drawn.device) for name, column in labels.items()}

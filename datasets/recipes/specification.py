@@ -8,7 +8,7 @@ What is made of it: :mod:`recipe`.
 import hashlib
 import json
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Self
 
@@ -374,6 +374,11 @@ class Specification(Registered, Pictured):
     def medium_number(self, index: int) -> int:
         """Number of the medium of sample ``index``."""
         return index // self.media_group if self.media is None else medium_of(index, self.media)
+
+    def medium_numbers(self, indices: Sequence[int]) -> list[int]:
+        """Numbers of the media of samples: :meth:`medium_number` of each."""
+        group, media = self.media_group, self.media
+        return [index // group for index in indices] if media is None else [index % media for index in indices]
 
     def media_of(self, samples: int) -> int:
         """Media behind the first ``samples`` samples of a split."""

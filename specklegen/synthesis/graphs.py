@@ -13,6 +13,8 @@ from typing import Any
 import torch
 
 _LOG = logging.getLogger(__name__)
+_ROWS = 64
+"""Least rows of memory that stays."""
 _WARM = 3
 """Runs before a capture, in which operators are compiled, transforms planned and work spaces made."""
 
@@ -20,6 +22,7 @@ _WARM = 3
 @dataclass(frozen=True)
 class _Captured:
     graph: Any
+    function: Callable[..., torch.Tensor]  # which holds the tensors that the graph reads beside its inputs
     inputs: dict[str, torch.Tensor]
     result: torch.Tensor
 
@@ -43,6 +46,7 @@ class Graphs:
         self.refused = ""
         """Why nothing is captured or replayed any more."""
         self._stream = self._pool = self._last = None
+        self._staged: dict[Hashable, list[dict[str, torch.Tensor]]] = {}
 
     def __call__(
         self, name: Hashable, function: Callable[..., torch.Tensor], inputs: dict[str, torch.Tensor]
@@ -75,6 +79,31 @@ class Graphs:
         captured.graph.replay()
         return captured.result
 
+    def stage(
+        self, name: Hashable, tables: list[dict[str, torch.Tensor]]
+    ) -> tuple[Hashable, list[dict[str, torch.Tensor]]]:
+        """Copy tensors to memory that stays, for functions that pick rows of them; return its name and the copies.
+
+        As many rows fit there as the next power of two, so that tensors of other lengths meet the same graphs. The next
+        call of the same name and shapes overwrites it.
+        """
+        if self.refused:
+            return name, tables
+        room = [{each: (_ROWS << max(0, (len(v) - 1) // _ROWS).bit_length(), *v.shape[1:]) for each, v in table.items()}
+                for table in tables]  # fmt: skip
+        types = (v.dtype for table in tables for v in table.values())
+        key = name, *(tuple(shapes.items()) for shapes in room), *types
+        self._follow()
+        if key not in self._staged:
+            self._staged[key] = [
+                {each: value.new_zeros(shapes[each]) for each, value in table.items()}
+                for shapes, table in zip(room, tables, strict=True)
+            ]
+        for table, staged in zip(tables, self._staged[key], strict=True):
+            for each, value in table.items():
+                staged[each][: len(value)].copy_(value)
+        return key, self._staged[key]
+
     def report(self) -> str:
         """Say what was captured, or why nothing is."""
         return f"refused: {self.refused}" if self.refused else f"{len(self.kept)} captured"
@@ -102,7 +131,7 @@ class Graphs:
         result.fill_(torch.nan)
         graph.replay()
         _require_same(result, expected, "the first replay differs from what it replays")
-        return _Captured(graph, kept, result)
+        return _Captured(graph, function, kept, result)
 
 
 def _require_same(found: torch.Tensor, expected: torch.Tensor, what: str) -> None:

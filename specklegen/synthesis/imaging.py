@@ -601,11 +601,11 @@ def _groups(modes: Modes, *, exact: bool) -> Iterable[tuple[list[int], int]]:
     ranks, most = _ranks(modes), modes.columns.shape[-1]
     if one_by_one(modes.rank.device):
         return [([place], rank) for place, rank in enumerate(ranks)]
-    members: dict[int, list[int]] = {}
-    for place, rank in enumerate(ranks):
-        least = rank if exact else next((bucket for bucket in BUCKETS if bucket >= rank), most)
-        members.setdefault(min(least, most), []).append(place)
-    return [(places, rank) for rank, places in members.items()]
+    least = np.asarray(ranks)
+    if not exact:
+        least = np.minimum(np.append(BUCKETS, most)[np.searchsorted(BUCKETS, least)], most)
+    different, first = np.unique(least, return_index=True)
+    return [(np.flatnonzero(least == rank).tolist(), int(rank)) for rank in different[np.argsort(first)]]
 
 
 def _ranks(modes: Modes) -> list[int]:

@@ -15,6 +15,7 @@ from specklegen.datasets.split import (
     keys_of_split,
     medium_of,
     position_in_pass,
+    positions_in_passes,
     split_of,
     stable_hash,
     substream,
@@ -123,6 +124,13 @@ def test_hashed_sources_fall_into_the_splits_by_their_shares():
 def test_the_share_test_has_power():
     with pytest.raises(AssertionError, match="chi2"):
         assert_shares(np.array([16_000 - 300, 2_000 + 300, 2_000]))
+
+
+def test_positions_of_many_samples_are_those_of_each():
+    indices = [0, 16, 17, 3, 40, 2**40 + 5, 2**63 - 1, 3]
+    found = positions_in_passes([3, 1], "test", indices, 17)
+    assert found.tolist() == [position_in_pass([3, 1], "test", n, 17) for n in indices]
+    assert found.tolist() != [position_in_pass([3, 2], "test", n, 17) for n in indices]  # power
 
 
 def test_a_pass_shows_every_source_once_and_passes_differ():

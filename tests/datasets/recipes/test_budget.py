@@ -6,10 +6,12 @@ operand that stays in the cache is counted all the same. Compiled graphs can onl
 
 import pytest
 import torch
-from device_counting import Counting
+from device_counting import Counting, Operators, Replays, python_calls
 from plain_forms import as_on_devices
 
 from specklegen.datasets import load_recipe
+from specklegen.datasets.objects.family import ListedFamily, ObjectFamily
+from specklegen.datasets.recipes import generator as generator_module
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.synthesis import imaging
 from specklegen.synthesis.fused import FORMS, KERNELS
@@ -34,7 +36,9 @@ def with_ranks(monkeypatch, name):
     """Let "meta", which has no numbers, know the ranks that the CPU finds; what its media share is of one rank."""
     media = generator(name, "cpu").media(range(BATCH))
     ranks = [media.groups[group][1].rank for group, _ in media.at]
-    monkeypatch.setattr(imaging, "_ranks", lambda modes: (ranks * len(modes.rank))[: len(modes.rank)])
+    monkeypatch.setattr(
+        imaging, "_ranks", lambda modes: (ranks * -(-len(modes.rank) // len(ranks)))[: len(modes.rank)]
+    )
 
 
 @pytest.mark.parametrize("name", BUDGETS)
@@ -79,6 +83,38 @@ def test_batches_made_at_once_and_graphs_need_fewer_launches(monkeypatch):
     assert alone.bytes / 32 > 3 * together.bytes / 1024
     assert together.launches / 1024 <= 2.05
     assert graphed / 1024 <= 1.85
+
+
+def host_work(name):
+    """Operators and Python calls of a batch, and of each further image of it, graphs replayed."""
+    counts = []
+    for size in (512, 1024):
+        made = generator(name, "meta")
+        made.run = Replays()
+        made(range(size))
+        with Operators() as operators, python_calls() as calls:
+            made(range(size, 2 * size))
+        counts.append((operators.count, calls[0]))
+    (small, few), (large, many) = counts
+    return large, many, (large - small) / 512, (many - few) / 512
+
+
+# Operators and Python calls of a batch of 1024, and of each further image, at most: a tenth above what was counted.
+HOST = {"unknown-slab": (790, 765, 0.119, 0.042), "through-slab": (415, 640, 0.074, 0.027)}
+
+
+@pytest.mark.parametrize("name", HOST)
+def test_the_host_does_little_for_each_image(name, monkeypatch):
+    """Nothing is counted in seconds. Between a sample's number and its image no Python function runs once a sample."""
+    with_ranks(monkeypatch, name)
+    found = host_work(name)
+    assert all(one <= most for one, most in zip(found, HOST[name], strict=True)), found
+    with monkeypatch.context() as patch:  # power: a label looked up sample by sample
+        patch.setattr(ListedFamily, "labels_of", ObjectFamily.labels_of)
+        assert host_work(name)[3] > 2 * HOST[name][3]
+    with monkeypatch.context() as patch:  # power: chunks of half the size
+        patch.setattr(generator_module, "CHUNK", generator_module.CHUNK // 2)
+        assert host_work(name)[2] > 1.2 * HOST[name][2]
 
 
 def test_the_host_waits_a_few_times_a_batch(monkeypatch):

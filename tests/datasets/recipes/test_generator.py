@@ -1,5 +1,7 @@
 """The contract of the generator: one program, whatever the device, the batch, the order and the program's switches."""
 
+from dataclasses import replace
+
 import numpy as np
 import plain_forms
 import pytest
@@ -118,6 +120,30 @@ def test_devices_render_what_the_cpu_renders(name, monkeypatch):
     found = SpeckleGenerator(recipe, 4)(indices)
     with as_on_devices(monkeypatch):
         assert_agree(SpeckleGenerator(recipe, 4)(indices), found)
+
+
+@pytest.mark.parametrize("name", ["unknown-slab", "through-slab"])
+def test_chunks_on_a_device_show_each_object_through_its_own_medium(name, monkeypatch):
+    """To the bit, what the media of a chunk give that are taken out of their batch one by one."""
+    recipe, numbers = recipe_of(name, camera={"shape": [64, 72]}), [7, 2, 5, 0, 11, 4, 2**40]
+    with as_on_devices(monkeypatch, chunk=2):
+        generator = SpeckleGenerator(recipe, 4)
+        images = generator(numbers)["image"]
+        media = recipe.medium_numbers(numbers)
+        (behind,), light = generator._ready(media), recipe.lit(generator.shown, numbers).light
+        made, apart = behind.made, 0
+        for imaging, rows in behind.groups():
+            for some in generator_module._chunks(rows, generator._chunk(imaging, made.streams)):
+                samples, places = behind.samples[some], behind.media[some]
+                own = imaging.at(torch.from_numpy(made.at[places, 1]))
+                drawn = own.media(made.streams.at(torch.from_numpy(places)))
+                if recipe.shares_media:  # spectra are made and kept medium by medium
+                    each = [own.at([n]).spectra(drawn.drawn[n : n + 1]) for n in range(len(some))]
+                    drawn = replace(drawn, drawn=None, spectra=torch.cat(each))
+                expected = replace(drawn, one_by_one=False).images(light[samples])[:, 0]
+                assert torch.equal(expected, images[samples])
+                apart += not torch.equal(images[samples], images[np.roll(samples, 1)])
+        assert apart, "power"
 
 
 def test_a_device_meets_no_new_shape_in_a_further_batch(monkeypatch):
