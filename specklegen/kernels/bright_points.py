@@ -28,48 +28,51 @@ def add_power(brightness, views, total):
             total[y, x] += brightness * (view.real * view.real + view.imag * view.imag)
 
 
-@kernel
-def fill_powers(fields, out):
-    """Fill ``out`` float[k, n] with |u|^2, added up over draws, of fields complex[draws, k, n]."""
-    draws, count, points = fields.shape
-    for node in range(count):
-        row = out[node]
-        for draw in range(draws):
-            values = fields[draw, node]
-            if draw == 0:
-                for n in range(points):
-                    row[n] = values[n].real * values[n].real + values[n].imag * values[n].imag
-            else:
-                for n in range(points):
-                    row[n] += values[n].real * values[n].real + values[n].imag * values[n].imag
-
-
 _BLOCK = 1024
 """Numbers of a row that are worked on at once: they stay in the first-level cache."""
 
 
 @kernel
 def fill_tilt_powers(roots, views, out):
-    """Fill ``out`` real[T, n] with |sum_r roots[t, r] u_r|^2, added up over draws: of few modes in one pass.
+    """Fill ``out`` real[T, n] with |sum_r roots[t, r] u_r|^2 of tilts or nodes, added up over draws, in one pass.
 
     roots : real[T, R]
     views : real[draws, R, 2 n]
         Fields u_r, real and imaginary parts in turn.
     """
-    total = np.empty(_BLOCK, views.dtype)
+    # Two rows of roots and four modes at a time: sums are read and written once for four, modes once for two.
+    rows, rank = roots.shape
+    fours = rank - rank % 4
+    total, other = np.empty(_BLOCK, views.dtype), np.empty(_BLOCK, views.dtype)
     out[:] = 0.0
     for first in range(0, views.shape[2], _BLOCK):
         some = min(_BLOCK, views.shape[2] - first)
-        for tilt in range(len(roots)):
-            row = out[tilt, first // 2 : (first + some) // 2]
+        for row in range(0, rows, 2):
+            also = min(row + 1, rows - 1)
             for draw in range(len(views)):
                 total[:some] = 0.0
-                for r in range(roots.shape[1]):
-                    factor, own = roots[tilt, r], views[draw, r, first : first + some]
+                other[:some] = 0.0
+                for r in range(0, fours, 4):
+                    a, b, c, d = roots[row, r], roots[row, r + 1], roots[row, r + 2], roots[row, r + 3]
+                    e, f, g, h = roots[also, r], roots[also, r + 1], roots[also, r + 2], roots[also, r + 3]
+                    one, two = views[draw, r, first : first + some], views[draw, r + 1, first : first + some]
+                    three, four = views[draw, r + 2, first : first + some], views[draw, r + 3, first : first + some]
                     for n in range(some):
-                        total[n] += factor * own[n]
+                        p, q, s, t = one[n], two[n], three[n], four[n]
+                        total[n] += (a * p + b * q) + (c * s + d * t)
+                        other[n] += (e * p + f * q) + (g * s + h * t)
+                for r in range(fours, rank):
+                    a, e, one = roots[row, r], roots[also, r], views[draw, r, first : first + some]
+                    for n in range(some):
+                        total[n] += a * one[n]
+                        other[n] += e * one[n]
+                power = out[row, first // 2 : (first + some) // 2]
                 for n in range(some // 2):
-                    row[n] += total[2 * n] * total[2 * n] + total[2 * n + 1] * total[2 * n + 1]
+                    power[n] += total[2 * n] * total[2 * n] + total[2 * n + 1] * total[2 * n + 1]
+                if also > row:
+                    power = out[also, first // 2 : (first + some) // 2]
+                    for n in range(some // 2):
+                        power[n] += other[2 * n] * other[2 * n] + other[2 * n + 1] * other[2 * n + 1]
 
 
 @kernel

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import torch
 
-from specklegen.kernels.bright_points import fill_nodes, fill_powers
+from specklegen.kernels.bright_points import fill_nodes, fill_tilt_powers
 from specklegen.synthesis import optics
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 LEFT = 1e-11
 """Mean square over media of what nodes may leave out of the intensity of a bright pixel, whose mean is 1."""
-_CHUNK_BYTES = 2**22  # of the powers and spectra of a few nodes
+_CHUNK_BYTES = 2**24  # of the powers and spectra of a few nodes: modes are read once for all of them
 
 
 class Nodes(NamedTuple):
@@ -92,10 +92,9 @@ def node_spectrum(
         roots = modes[:, pixels].mT.contiguous()
         total = torch.zeros((1, frames, n, m // 2 + 1, 2), dtype=real)
         for some, own in zip(roots.split(together), maps.split(together, 1), strict=True):
-            fields = torch.view_as_complex((some @ views).unflatten(3, (-1, 2)))
             seen = powers[:, : len(some)]
-            for frame, power in zip(fields.numpy(), seen.numpy(), strict=True):
-                fill_powers(frame, power)
+            for frame, power in zip(views.numpy(), seen.numpy(), strict=True):
+                fill_tilt_powers(some.numpy(), frame, power)
             spectra = torch.fft.rfft2(seen.unflatten(2, (n, m)), norm="forward")
             total += optics.map_lags(own[None, :, None].contiguous(), turns, waves, torch.view_as_real(spectra)[None])
         totals.append(total)
