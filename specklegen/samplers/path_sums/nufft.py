@@ -7,6 +7,7 @@ through its values at a few skeleton views, the field is a sum over r of P_r tim
 exact F at v_r. Few views are one tile; a wide field of view is cut until each tile needs a low rank.
 """
 
+import threading
 from dataclasses import dataclass, replace
 
 import finufft
@@ -175,13 +176,13 @@ def nufft_field(
     (finufft with more is not reproducible); tiles, or transforms of one tile, run side by side.
     """
     field = np.zeros((len(layout.lights), *summation.grid.shape), summation.dtype)
-    tiles = summation.tiling.tiles
+    tiles, plans = summation.tiling.tiles, _Plans()
     inside = threads if len(tiles) == 1 else 1
     for light, own, seen, phased in each_light(layout, bank, phases):
         lights = _lights(own, seen, phased, summation, threads)
 
         def fill(tile: Tile, light: slice = light, own: Layout = own, lights: list[_Light] = lights) -> None:
-            field[light, tile.rows, tile.columns] = _tile_field(own, lights, tile, summation, inside)
+            field[light, tile.rows, tile.columns] = _tile_field(own, lights, tile, summation, plans, inside)
 
         map_blocks(fill, tiles, threads)
     field *= 1 / np.sqrt(max(bank.count, 1))
@@ -192,8 +193,9 @@ def nufft_tile(
     layout: Layout, bank: PathBank, phases: np.ndarray, summation: NufftPlan, tile: Tile, *, threads: Threads = None
 ) -> np.ndarray:
     """The part of :func:`nufft_field` on one of the summation's tiles, complex[T, h, w]: the same bits."""
+    plans = _Plans()
     parts = [
-        _tile_field(own, _lights(own, seen, phased, summation, threads), tile, summation, threads)
+        _tile_field(own, _lights(own, seen, phased, summation, threads), tile, summation, plans, threads)
         for _, own, seen, phased in each_light(layout, bank, phases)
     ]
     field = np.concatenate(parts)
@@ -298,7 +300,9 @@ def _load(layout: Layout, light: _Light, tile: Tile, summation: NufftPlan, threa
     return _Load(light, points, sensor, coupling)
 
 
-def _tile_field(layout: Layout, lights: list[_Light], tile: Tile, summation: NufftPlan, threads: Threads) -> np.ndarray:
+def _tile_field(
+    layout: Layout, lights: list[_Light], tile: Tile, summation: NufftPlan, plans: "_Plans", threads: Threads
+) -> np.ndarray:
     """Field on one tile, complex[T, h, w], times the root of the number of paths."""
     loads = [_load(layout, light, tile, summation, threads) for light in lights]
     # Fixed parts of skeleton views and tilts: the bits must not depend on the number of threads.
@@ -309,7 +313,7 @@ def _tile_field(layout: Layout, lights: list[_Light], tile: Tile, summation: Nuf
         for ranks in slices(load.light.factor.rank, _RANKS_AT_ONCE)
         for group in groups
     ]
-    transforms = map_blocks(lambda part: _transform(*part, summation), parts, threads)
+    transforms = map_blocks(lambda part: _transform(*part, summation, plans), parts, threads)
     field = np.zeros((len(layout.lights), *summation.tiling.shape), summation.dtype)
     x, y = summation.tiling.steps
     steps = np.stack(np.broadcast_arrays(x, y[:, None]), -1)
@@ -333,15 +337,35 @@ def _tile_field(layout: Layout, lights: list[_Light], tile: Tile, summation: Nuf
     return field[:, *tile.kept]
 
 
-def _transform(load: _Load, ranks: slice, tilts: slice, summation: NufftPlan) -> np.ndarray:
+class _Plans(threading.local):
+    """Plans of transforms of one shape, those of each thread, which tiles, ranks and tilts use one after the other."""
+
+    def __init__(self) -> None:
+        self._plans: dict[int, tuple[finufft.Plan, np.ndarray]] = {}
+
+    def ready(self, count: int, points: np.ndarray, summation: NufftPlan) -> finufft.Plan:
+        """Return the plan of so many transforms at once, of points real[2, M] a step of the grid along (y, x)."""
+        plan, last = self._plans.get(count, (None, None))
+        if plan is None:
+            shape, dtype = summation.tiling.shape, np.dtype(summation.dtype)
+            tolerance = 0.3 * summation.tolerance
+            # Kernel and upsampling are those that finufft 2.5 chooses by itself: another choice differs by the
+            # tolerance.
+            plan = finufft.Plan(1, shape, n_trans=count, eps=tolerance, isign=-1, dtype=dtype.name, nthreads=1,
+                                spread_sort=int(np.prod(shape) * dtype.itemsize > _SORT_FROM),
+                                spread_kerformula=_KERNEL,
+                                upsampfac=2.0 if tolerance <= _FINE_GRID_BELOW else 1.25)  # fmt: skip
+        if last is not points:
+            plan.setpts(*points)
+            self._plans[count] = plan, points
+        return plan
+
+
+def _transform(load: _Load, ranks: slice, tilts: slice, summation: NufftPlan, plans: _Plans) -> np.ndarray:
     """Contribution of the connections to some terms of the field of some tilts, complex[tilts, h, w]."""
-    dtype, shape, tolerance = np.dtype(summation.dtype), summation.tiling.shape, 0.3 * summation.tolerance
+    dtype, shape = np.dtype(summation.dtype), summation.tiling.shape
     strengths = load.light.strengths[tilts]
-    # Kernel and upsampling are those that finufft 2.5 chooses by itself: another choice differs by the tolerance.
-    plan = finufft.Plan(1, shape, n_trans=len(strengths), eps=tolerance, isign=-1, dtype=dtype.name, nthreads=1,
-                        spread_sort=int(np.prod(shape) * dtype.itemsize > _SORT_FROM), spread_kerformula=_KERNEL,
-                        upsampfac=2.0 if tolerance <= _FINE_GRID_BELOW else 1.25)  # fmt: skip
-    plan.setpts(*load.points)
+    plan = plans.ready(len(strengths), load.points, summation)
     total = np.zeros((len(strengths), *shape), dtype)
     for r in range(ranks.start, ranks.stop):
         values = (strengths * load.sensor[r]).astype(dtype)
