@@ -7,6 +7,9 @@ machine does not pass for a wrong prediction. `--fit` then fits the nanoseconds 
 `specklegen.core.nanoseconds.NANOSECONDS` to the table and prints them. One thread, about three minutes.
 
     python scripts/plan_accuracy.py [--only WORD] [--fit] [--json PATH]
+    python scripts/plan_accuracy.py --picks                   the sampler that is chosen, against the quickest
+
+`--picks` renders 60 scenes by every sampler within the tolerance, and extrapolates from 1 and 3 realizations to 1000.
 """
 
 import os
@@ -78,6 +81,19 @@ def voxels() -> sg.media.VoxelGrid:
     )
 
 
+GLASS = sg.GroundGlass(angle=0.05)
+
+
+def _camera(aperture: float, pitch: float = 1.0) -> sg.sensors.Imaging:
+    return sg.sensors.Imaging(shape=(64, 64), pitch=pitch, aperture=aperture, focus=-10.0)
+
+
+def _modulator() -> sg.light.CoherentObject:
+    letter = np.zeros((28, 28))
+    letter[6:22, 8:11] = letter[19:22, 8:20] = 1.0
+    return sg.light.CoherentObject(np.exp(1j * np.pi * letter), pitch=40.0, distance=1e4)
+
+
 Case = tuple[Callable[[], sg.Scene], dict[str, Any]]
 PATHS: dict[str, Any] = {"sampler": "paths"}
 STATIONARY: dict[str, Any] = {"sampler": "stationary", "paths": 100_000}
@@ -132,6 +148,31 @@ CASES: dict[str, Case] = {
                       sg.sensors.FarField.angles(_circle(120))),
         {"paths": 10_000, "sampler": "covariance"},
     ),
+    "lens, path sums": (
+        lambda: scene(sg.Slab(thickness=40.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(g=0.9)),
+                      beams(2, 40.0), _camera(0.2)),
+        {"paths": 10_000},
+    ),
+    "lens before a modulator and glass": (lambda: scene(GLASS, _modulator(), _camera(0.05, 5.0)), {}),
+    "modulator and glass": (lambda: scene(GLASS, _modulator(), grid(256)), {}),
+    "two glasses, 5 x 256 x 256": (
+        lambda: scene(sg.media.ScreenStack(screens=(GLASS, GLASS), gaps=(1000.0,)), beams(), grid(256)), {}
+    ),
+    "hidden object": (
+        lambda: scene(slab(), sg.light.IncoherentObject(brightness=np.eye(28), pitch=1e-5, width=2e4),
+                      sg.sensors.FarField.grid(shape=(128, 128), pitch=2e-5)),
+        STATIONARY,
+    ),
+    "film, stationary": (
+        lambda: scene(slab().replace(motion=sg.media.Brownian(diffusion=1e-3)),
+                      sg.light.CollimatedBeams.tilts(np.zeros(8), width=1e5, times=np.arange(8.0)), grid()),
+        STATIONARY,
+    ),
+    "film, path sums": (
+        lambda: scene(slab().replace(motion=sg.media.Brownian(diffusion=1e-3)),
+                      sg.light.CollimatedBeams.tilts(np.zeros(4), width=1e5, times=np.arange(4.0)), grid(64)),
+        PATHS | {"paths": 50_000},
+    ),
     "covariance of few": (
         lambda: scene(box(50, 3), sg.light.PlaneWaves.tilts([0, 0.02]), fan(10)), {"paths": 60_000, "sampler":
         "covariance"}
@@ -173,6 +214,67 @@ def measured(name: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def pick_scenes() -> dict[str, sg.Scene]:
+    """60 scenes on either side of where another sampler is the quickest."""
+    slabs = {f"g {g}, OD {depth}": slab(g, depth) for g, depth in ((0.0, 2), (0.0, 10), (0.9, 3), (0.9, 10), (0.9, 40))}
+    made = {f"{name}, {tilts} tilts, {views}^2": scene(medium, beams(tilts), grid(views))
+            for name, medium in slabs.items() for tilts in (1, 5, 20) for views in (16, 64, 128)}  # fmt: skip
+    for depth in (0.5, 2.0, 6.0):
+        for views in (30, 120, 480):
+            light = sg.light.PlaneWaves.tilts([0, 0.02], dimensions=2)
+            made[f"flatland box, OD {depth:g}, {views}"] = scene(
+                box(20, 2, depth), light, sg.sensors.FarField.angles(_circle(views))
+            )
+        for views in (5, 50):
+            made[f"box, OD {depth:g}, {views}"] = scene(
+                box(50, 3, depth), sg.light.PlaneWaves.tilts([0, 0.02]), fan(views)
+            )
+    return made
+
+
+REALIZATIONS = (1, 10, 60, 100, 1000)
+
+
+def picked(name: str) -> dict[str, Any]:
+    """How much slower than the quickest the chosen sampler is, by number of realizations."""
+    this, clocks = pick_scenes()[name], {}
+    for sampler in ("paths", "stationary", "covariance"):
+        try:
+            made = sg.plan(this, threads=1, paths=20_000, sampler=sampler)
+        except ValueError:
+            continue
+        if made.doubts or made.seconds > 10:
+            continue
+        sg.render(this, threads=1, paths=64, sampler=sampler)
+        spent = []
+        for count in (1, 3, 1, 3):
+            start = time.process_time()
+            with estimated_anew(len(spent)):
+                sg.render(this, threads=1, paths=20_000, sampler=sampler, realizations=count, seed=len(spent))
+            spent.append(time.process_time() - start)
+        once, thrice = min(spent[::2]), min(spent[1::2])
+        clocks[sampler] = (once, max(thrice - once, 0.0) / 2)
+    total = {sampler: [once + (n - 1) * each for n in REALIZATIONS] for sampler, (once, each) in clocks.items()}
+    chosen = [sg.plan(this, threads=1, paths=20_000, realizations=n).sampler for n in REALIZATIONS]
+    best = [min(total, key=lambda sampler, at=at: total[sampler][at]) for at in range(len(chosen))]
+    ratio = [total[own][at] / total[best[at]][at] if own in total else None for at, own in enumerate(chosen)]
+    return {"name": name, "chosen": chosen, "best": best, "ratio": ratio}
+
+
+def print_picks() -> None:
+    """Print a line for each scene where a pick is not the quickest, and the count of those more than 15 % slower."""
+    slow = seen = 0
+    for name in pick_scenes():
+        command = [sys.executable, __file__, "--pick", name]
+        row = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
+        for count, own, best, ratio in zip(REALIZATIONS, row["chosen"], row["best"], row["ratio"], strict=True):
+            seen += ratio is not None
+            if ratio is not None and ratio > 1.15:
+                slow += 1
+                print(f"{name:<40}{count:>6} {own} takes {ratio:.2f} times {best}", flush=True)
+    print(f"{slow} of {seen} picks are more than 15 % slower than the quickest sampler")
+
+
 def fitted(rows: list[dict[str, Any]]) -> dict[str, float]:
     """Nanoseconds of least squared relative error; an operation that no case tells apart stays as it is."""
     names = list(NANOSECONDS)
@@ -204,10 +306,18 @@ def main() -> None:
     parser.add_argument("--fit", action="store_true", help="fit the nanoseconds and print the table they would give")
     parser.add_argument("--json", type=Path, metavar="PATH", help="write the measurements there")
     parser.add_argument("--from", dest="source", type=Path, metavar="PATH", help="take them from there instead")
+    parser.add_argument("--picks", action="store_true", help="compare the chosen sampler with the quickest instead")
+    parser.add_argument("--pick", metavar="NAME", help="one scene of these in this process, and print JSON")
     parser.add_argument("--case", choices=CASES, help="measure one case in this process, and print JSON")
     options = parser.parse_args()
     if options.case:
         print(json.dumps(measured(options.case)))
+        return
+    if options.pick:
+        print(json.dumps(picked(options.pick)))
+        return
+    if options.picks:
+        print_picks()
         return
     if options.source:
         rows = json.loads(options.source.read_text())

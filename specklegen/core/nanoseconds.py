@@ -34,6 +34,8 @@ NANOSECONDS = {
     "batch": 4e5,  # of a covariance's paths, however few they are
     "correlation batch": 1.3e5,  # of those that tell the memory effect
 }
+WAVE = 700.0
+"""Times the time of a "flop" that a complex exponential in double precision takes, where it is counted among those."""
 SERIAL = {"normal", "flop", "stack view", "phasor", "object pixel", "object difference", "image"}
 """Operations that any number of threads leaves to one."""
 

@@ -17,6 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
+from specklegen.core.nanoseconds import WAVE
 from specklegen.scene.imaging import Imaging
 from specklegen.scene.scene import Scene
 from specklegen.scene.sensors import FarFieldGrid
@@ -79,11 +80,11 @@ class Lens:
             image[...] = rows @ (weights * field) @ columns
         return images
 
-    @property
-    def flops(self) -> float:
-        """Real operations of the two products, under one light."""
+    def flops(self, lights: int) -> float:
+        """Real operations of the two products under so many lights, and of the waves that they share."""
         views, (rows, columns) = float(self.grid.shape[0]), self.camera.shape
-        return 8 * rows * views * (views + columns)
+        waves = WAVE * views * (2 * views + rows + columns)
+        return waves + lights * 8 * rows * views * (views + columns)
 
     @property
     def memory(self) -> float:

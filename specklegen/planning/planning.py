@@ -332,7 +332,7 @@ def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
     cost, threads = chosen.cost(), thread_count(budget.threads)
     operations, needed = dict(cost.first), chosen.memory(threads)
     if lens is not None:
-        operations["flop"] = operations.get("flop", 0.0) + len(light.vectors) * lens.flops
+        operations["flop"] = operations.get("flop", 0.0) + lens.flops(len(light.vectors))
         needed += int(lens.memory)
         kept = [*([] if few is None else [few]), _seen(lens, lit_plane(scene).extent), *kept]
     _require_memory(scene, needed, chosen.paths)
@@ -428,7 +428,7 @@ def _planned_image(scene: Scene, budget: Budget, options: Options) -> Plan:
             budget = replace(budget, paths=paths, rel_error=None)
             pupil_plan = _planned(lens.pupil_scene, budget, replace(options, sampler=PathSums))
     operations = dict(pupil_plan.operations)
-    operations["flop"] = operations.get("flop", 0.0) + len(lens.pupil_scene.lights) * lens.flops
+    operations["flop"] = operations.get("flop", 0.0) + lens.flops(len(lens.pupil_scene.lights))
     memory = int(pupil_plan.memory_bytes + lens.memory)
     _require_memory(scene, memory, pupil_plan.paths)
     seen = _seen(lens, lit.extent)

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.fft import next_fast_len
 
 from specklegen.core.lazy import torch
+from specklegen.core.nanoseconds import WAVE
 from specklegen.scene.coherent import CoherentObject
 from specklegen.scene.imaging import Imaging
 from specklegen.scene.scene import Scene
@@ -52,7 +53,7 @@ class Views(Protocol):
         """Longest way from a plane at this depth to where light is seen, 0 of the far field."""
         ...
 
-    def flops(self, points: int) -> float:
+    def flops(self, drawn: DrawnScreens) -> float:
         """Operations of one image."""
         ...
 
@@ -78,9 +79,10 @@ class FarGrid:
         """0: a far field does not feel it."""
         return 0.0
 
-    def flops(self, points: int) -> float:
-        """Operations of two matrix products."""
-        return 8.0 * len(self.y) * points * (points + len(self.x))
+    def flops(self, drawn: DrawnScreens) -> float:
+        """Operations of two matrix products and their waves."""
+        points, rows, columns = drawn.carried, len(self.y), len(self.x)
+        return _PRODUCT * rows * points * (points + columns) + WAVE * points * (rows + columns)
 
     def seen(self, drawn: DrawnScreens, fields: torch.Tensor, depth: float) -> torch.Tensor:
         """Return the far field complex64[T, H, W]."""
@@ -110,9 +112,9 @@ class FarViews:
         """0: a far field does not feel it."""
         return 0.0
 
-    def flops(self, points: int) -> float:
+    def flops(self, drawn: DrawnScreens) -> float:
         """Operations of a sum for each row of views, and of another for each view."""
-        return _point_flops(self.directions[..., 1], points)
+        return _point_flops(self.directions[..., 1], drawn.carried)
 
     def seen(self, drawn: DrawnScreens, fields: torch.Tensor, depth: float) -> torch.Tensor:
         """Return the far field complex64[T, ...]."""
@@ -146,16 +148,21 @@ class LensViews:
         """Distance of the plane in focus."""
         return abs(self.plane - depth)
 
-    def flops(self, points: int) -> float:
-        """Operations of a transform and two matrix products."""
-        rows, columns = self.camera.shape
-        return 15.0 * points**2 * np.log2(points) + 8.0 * rows * points * (points + columns)
+    def _orders(self, drawn: DrawnScreens) -> np.ndarray:
+        """Numbers of the grid's waves that pass the pupil, along either axis."""
+        step = drawn.wavelength / drawn.period
+        most = min(int(np.ceil(self.camera.aperture / step + 0.5)), (drawn.points - 1) // 2)
+        return np.arange(-most, most + 1)
+
+    def flops(self, drawn: DrawnScreens) -> float:
+        """Operations of a transform, of the waves within the pupil, and of two matrix products."""
+        (rows, columns), passed = self.camera.shape, float(len(self._orders(drawn)))
+        waves = WAVE * passed * (passed + rows + columns)
+        return _transform_flops(drawn.points) + waves + _PRODUCT * rows * passed * (passed + columns)
 
     def seen(self, drawn: DrawnScreens, fields: torch.Tensor, depth: float) -> torch.Tensor:
         """Return the image complex64[T, H, W]: the waves within the pupil, carried to the plane."""
-        step = drawn.wavelength / drawn.period
-        most = min(int(np.ceil(self.camera.aperture / step + 0.5)), (drawn.points - 1) // 2)
-        orders = np.arange(-most, most + 1)
+        step, orders = drawn.wavelength / drawn.period, self._orders(drawn)
         pupil = self.camera.pupil.cells(len(orders), step / self.camera.aperture).astype(np.complex64)
         passed = torch.from_numpy(pupil) * _carrier(drawn.wavelength, self.plane - depth, *(2 * [orders * step]))
         spectrum = drawn.spectrum(fields)[..., orders[:, None] % drawn.points, orders % drawn.points] * passed
@@ -184,9 +191,11 @@ class NearPoints:
         """Distance of the farthest point."""
         return float((self.points[..., 2] - depth).max(initial=0.0))
 
-    def flops(self, points: int) -> float:
-        """Operations of a transform, then those of views."""
-        return 15.0 * points**2 * np.log2(points) + _point_flops(self.points[..., 1], points)
+    def flops(self, drawn: DrawnScreens) -> float:
+        """Operations of a transform, and of the waves of every plane and their sums."""
+        planes = len(np.unique(self.points[..., 2]))
+        carried = _transform_flops(drawn.points) + planes * WAVE * float(drawn.points) ** 2
+        return carried + _point_flops(self.points[..., 1], drawn.points)
 
     def seen(self, drawn: DrawnScreens, fields: torch.Tensor, depth: float) -> torch.Tensor:
         """Return the field complex64[T, ...]: all waves, carried to the plane of each point."""
@@ -201,6 +210,15 @@ class NearPoints:
             turn = complex(np.exp(2j * np.pi * np.mod(plane / drawn.wavelength, 1.0)))
             seen[:, here] = _at_points(carried, waves, y[here] - drawn.first, x[here] - drawn.first) * turn
         return seen.reshape(len(fields), *self.points.shape[:-1])
+
+
+_PRODUCT, _PHASOR = 4.0, 200.0
+"""Operations that take the time of a complex multiplication and addition within a product, and of a point's phase."""
+
+
+def _transform_flops(points: int) -> float:
+    """Operations that take the time of a transform of points x points."""
+    return 30.0 * float(points) ** 2 * float(np.log2(points))
 
 
 def _point_flops(y: np.ndarray, points: int) -> float:
@@ -273,18 +291,25 @@ class DrawnScreens:
         return len(self.stack.screens), self.points, self.points // 2 + 1
 
     @property
+    def carried(self) -> int:
+        """Points a side of a field behind the last screen: behind one alone, those of the lit area."""
+        return self.lit if len(self.stack.screens) == 1 else self.points
+
+    @property
     def bytes(self) -> float:
         """Bytes of one complex field over the period."""
         return 8.0 * self.points**2
 
     @property
-    def flops(self) -> tuple[float, float]:
-        """Operations of the phases of one medium, and of one object behind them."""
-        size, screens = float(self.points) ** 2, len(self.stack.screens)
-        transform = 15.0 * size * np.log2(size)
-        phases, seen = screens * (0.5 * transform + 40.0 * size), self.views.flops(self.points)
+    def flops(self) -> tuple[float, float, float]:
+        """Operations of the phases of one medium, of one object behind them, and of an object's light, found once."""
+        size, screens, transform = float(self.points) ** 2, len(self.stack.screens), _transform_flops(self.points)
+        phases = screens * (0.5 * transform + _PHASOR * size)
+        seen = (1 if self.ballistic else 2) * self.views.flops(self)  # once more what no screen scatters
         shown = seen + (screens - 1) * 2 * transform + 8.0 * size
-        return (phases, shown) if self.moved is None else (0.0, phases + shown)
+        waves = float(len(self.sines))
+        light = 2 * _PRODUCT * self.lit * waves * (waves + self.lit) + WAVE * self.lit * waves
+        return (phases, shown, light) if self.moved is None else (0.0, phases + shown, light)
 
     @cached_property
     def _amplitudes(self) -> np.ndarray:

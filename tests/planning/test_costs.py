@@ -77,3 +77,17 @@ def test_what_the_nufft_does_is_counted():
     assert made.operations["end"] == pytest.approx(ends)
     assert set(made.alternatives) == {"the direct sum", "adding reversed paths (reverse=True)"}
     assert made.alternatives["adding reversed paths (reverse=True)"] > made.alternatives["the direct sum"]
+
+
+def test_views_behind_drawn_screens_are_counted():
+    """A lens twice as open passes four times the waves, and an object's light is counted once for all media."""
+    shown = sg.light.CoherentObject(np.ones((9, 9)), pitch=40.0, distance=1e4)
+    cameras = [sg.sensors.Imaging(shape=(32, 32), pitch=2.5, aperture=sine, focus=-10.0) for sine in (0.05, 0.1)]
+    glass = sg.GroundGlass(angle=0.05)
+    plans = [sg.plan(sg.Scene(wavelength=1.0, medium=glass, illumination=shown, sensor=each)) for each in cameras]
+    one, wide = (made.operations["flop"] for made in plans)
+    assert one < wide < 4 * one
+    light = plans[0].chosen.cost().once["flop"]
+    assert 0 < light < one
+    many = plans[0].chosen.cost().of(10)["flop"]
+    assert many == pytest.approx(10 * one - 9 * light)

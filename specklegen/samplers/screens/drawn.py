@@ -18,8 +18,10 @@ MOST_POINTS = 4096
 def drawn_cost(scene: Scene) -> Cost:
     """Count the operations of one medium."""
     drawn, amplitudes = drawn_scene(scene)
-    of_medium, of_object = drawn.flops
-    return Cost({"normal": float(np.prod(drawn.normals)), "flop": of_medium + len(amplitudes) * of_object})
+    of_medium, of_object, of_light = drawn.flops
+    once = len(amplitudes) * of_light
+    first = {"normal": float(np.prod(drawn.normals)), "flop": once + of_medium + len(amplitudes) * of_object}
+    return Cost(first, {"flop": once})
 
 
 def drawn_memory(scene: Scene) -> int:
