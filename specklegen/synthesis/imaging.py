@@ -351,8 +351,8 @@ class Imaging:
     @property
     def transforms(self) -> dict[str, Any]:
         """Transforms, as :func:`optics.images` wants them."""
-        names = ("object_rows", "object_columns", "camera_rows", "camera_columns")
-        some = {name: getattr(self, name) for name in names}
+        objects = () if self.shape == (1, 1) else ("object_rows", "object_columns")
+        some = {name: getattr(self, name) for name in (*objects, "camera_rows", "camera_columns")}
         return some if self.turns is None else some | {"turns": self.turns, "camera": self.camera}
 
     def _even(self, seen: torch.Tensor, light: torch.Tensor) -> torch.Tensor:

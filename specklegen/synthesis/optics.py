@@ -249,11 +249,12 @@ def images(
     light : float32[B, h, w]
         The objects.
     transforms
-        "object_rows" complex64[B or 1, n, h], "object_columns" [B or 1, w, m], and those of :func:`seen`.
+        "object_rows" complex64[B or 1, n, h], "object_columns" [B or 1, w, m], neither of one beam on the axis, and
+        those of :func:`seen`.
     """
     maps = mode_maps(modes, light)
     parts = torch.view_as_real(spectra)
-    if light.shape[1:] == (1, 1):  # a beam: the transform of one pixel on the axis is 1
+    if "object_rows" not in transforms:  # a beam: the transform of one pixel on the axis is 1
         sums = (maps[:, :1, :, :, 0] @ parts.flatten(3)).flatten(1, 2).unflatten(2, parts.shape[3:])
     elif light.device.type == "cpu":
         sums = map_lags(maps, transforms["object_rows"], transforms["object_columns"], parts)

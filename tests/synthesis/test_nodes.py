@@ -99,6 +99,16 @@ def test_beams_under_tilts_are_those_by_pairs(frames, draws):
     assert error(1.001 * found, pairs) > 5e-4
 
 
+def test_one_bright_pixel_off_the_axis_stays_where_it_is():
+    """Behind a cached medium, whose spectra are multiplied by the transform of the box of bright pixels alone."""
+    imaging, light = sampler(), torch.zeros((1, *BRIGHT.shape))
+    light[0, 3, 4] = 1.0
+    fields = drawn(imaging, 3)
+    kept, by_points = ImagedMedia(imaging, None, imaging.spectra(fields)), imaging.images_by_points(fields, light)
+    assert error(kept.images(light), by_points) < 1.5e-6
+    assert error(kept.images(light.roll(1, 2)), by_points) > 0.1
+
+
 def test_what_is_left_out_is_what_the_factor_says(monkeypatch):
     """With few nodes: the mean square over media of what a pixel's intensity lacks, by dense algebra and by draws."""
     monkeypatch.setattr(nodes_module, "LEFT", 3e-2)
