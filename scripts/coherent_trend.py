@@ -1,15 +1,16 @@
 """What networks of `specklegen train coherent-digits` make of seen and unseen glasses, and of independent waves.
 
-Every network is shown digits of the test split behind the glasses of its training, behind glasses of the test split,
-and behind glasses of :func:`waves`, a program that shares no code with the recipe: square pixels on a fine grid, their
-angular spectrum carried to the glass, a drawn phase, an iris, and the sum of Fraunhofer. Scores are Pearson
+Every network, or several of one protocol and other seeds, is shown digits of the test split behind the glasses of its
+training, behind glasses of the test split, and behind glasses of :func:`waves`, a program that shares no code with the
+recipe: square pixels on a fine grid, their angular spectrum carried to the glass, a drawn phase, an iris, and the sum
+of Fraunhofer. Scores are Pearson
 correlations in place, with 95 % intervals over glasses and digits; beside them what the mean of the training objects
-scores, and what the same answers score for the objects of other images.
+scores, and what the same answers score for the objects of other images. Networks of one protocol share a row: their
+scores of an image are averaged.
 
-    specklegen train coherent-digits --network unet --input camera --loss pearson --width 20 --epochs 6 --out runs/64
-    specklegen train coherent-digits --set media=1 --network unet --input camera --loss pearson --width 20 --epochs 2 \
-        --out runs/1
-    python scripts/coherent_trend.py runs/64/best.pt:64 runs/1/best.pt:1 [--images 192]
+    specklegen train coherent-digits --set media=64 --network unet --input camera --loss pearson --width 20 \
+        --epochs 6 --seed 0 --out runs/64-0
+    python scripts/coherent_trend.py runs/64-0/best.pt:64:0 runs/1-0/best.pt:1:0 runs/new-0/best.pt:new:0
 """
 
 import argparse
@@ -21,7 +22,7 @@ from specklegen.datasets import load_recipe
 from specklegen.datasets.recipes.generator import SpeckleGenerator
 from specklegen.models import bootstrap
 from specklegen.models.learning.reconstructor import Reconstructor
-from specklegen.models.metrics import pearson
+from specklegen.models.metrics import align, pearson
 
 WAVELENGTH, PITCH, FOCUS, WINDOW = 0.633, 72.0, 230e3, 2160.0  # micrometres, of coherent-digits
 RMS_PHASE = 2 * np.pi * 0.5 * 0.5 / WAVELENGTH  # of 0.5 micrometres of glass of index 1.5
@@ -72,8 +73,26 @@ def waves(objects: np.ndarray, each: int) -> tuple[np.ndarray, np.ndarray]:
     return np.stack(made), glasses
 
 
+def scored(network: Reconstructor, batch: dict) -> tuple[np.ndarray, float]:
+    """Scores float64[n] of a network, and the mean of what it makes of an image for the object of another.
+
+    In place; those of networks on the autocorrelation, which has no place, best shifted and turned.
+    """
+    answers, objects = network.reconstruct(batch), batch["object"]
+    ours, others = (
+        pearson(each if network.input == "camera" else align(each, objects), objects)
+        for each in (answers, answers.roll(1, 0))
+    )
+    return ours.double().numpy(), float(others.mean())
+
+
+def glasses_of(batch: dict) -> np.ndarray:
+    """Numbers of the glasses of a batch; of new ones for every image, that of the image."""
+    return np.asarray(batch["parameters"].get("medium", torch.arange(len(batch["object"])))).astype(int)
+
+
 def main(models: list[str], count: int, each: int) -> None:
-    """Print a row for each network and kind of glasses."""
+    """Print a row for every protocol of training and kind of glasses, over the seeds of its networks."""
     fresh = load_recipe("coherent-digits")
     unseen = SpeckleGenerator(fresh, 0, "test")(range(count))
     labels = unseen["parameters"]["label"].numpy().astype(int)
@@ -85,30 +104,40 @@ def main(models: list[str], count: int, each: int) -> None:
         "image": torch.from_numpy(images).float(), "object": unseen["object"][:some],
         "parameters": drawn | {"medium": torch.from_numpy(glasses).double()},
     }  # fmt: skip
-    print("| glasses of training | tested on | correlation [95 %] | mean object | other objects |")
-    print("|---|---|---|---|---|")
+    protocols: dict[str, list[tuple[Reconstructor, int]]] = {}
     for text in models:
-        path, _, media = text.rpartition(":")
-        network = Reconstructor.load(path)
-        seen = SpeckleGenerator(load_recipe("coherent-digits", {"media": int(media)}), 0, "train", objects="test")
-        for name, batch in (("its own glasses", seen(range(count))), ("unseen glasses", unseen),
-                            ("independent waves", apart)):  # fmt: skip
-            objects = batch["object"]
-            answers = network.reconstruct(batch)
-            scores = pearson(answers, objects).double().numpy()
-            places = batch["parameters"]["medium"].long().numpy()
+        path, media, seed = text.rsplit(":", 2)
+        protocols.setdefault(media, []).append((Reconstructor.load(path), int(seed)))
+    print("| glasses of training | tested on | correlation [95 %] | each seed | mean object | other objects |")
+    print("|---|---|---|---|---|---|")
+    for media, networks in protocols.items():
+        recipe = load_recipe("coherent-digits", {"media": media if media == "new" else int(media)})
+        own = [SpeckleGenerator(recipe, seed, "train", objects="test")(range(count)) for _, seed in networks]
+        for name, batches in (("its own glasses", own), ("unseen glasses", [unseen] * len(networks)),
+                              ("independent waves", [apart] * len(networks))):  # fmt: skip
+            found = [scored(network, batch) for (network, _), batch in zip(networks, batches, strict=True)]
+            scores = np.array([scores for scores, _ in found])
+            places = np.array([glasses_of(batch) for batch in batches])
+            if name == "its own glasses":  # each seed has glasses of its own
+                places += np.arange(len(networks))[:, None] * (places.max() + 1)
+                characters = np.concatenate([batch["parameters"]["label"].numpy().astype(int) for batch in batches])
+            else:  # all look at the same images
+                scores, places = scores.mean(axis=0, keepdims=True), places[:1]
+                characters = labels[: scores.size]
             if len(np.unique(places)) == 1:  # over digits alone
-                places = np.arange(len(scores))
-            found = bootstrap(scores, places, labels[: len(scores)])
+                places = np.arange(scores.size)
+            interval = bootstrap(scores.ravel(), places.ravel(), characters)
+            seeds = ", ".join(f"{scores.mean():.3f}" for scores, _ in found)
+            objects = batches[0]["object"]
             mean = float(pearson(train.expand_as(objects), objects).mean())
-            other = float(pearson(answers.roll(1, 0), objects).mean())
-            row = f"{found.mean:.3f} [{found.low:.3f}, {found.high:.3f}] | {mean:.3f} | {other:.3f} |"
-            print(f"| {media} | {name} | {row}", flush=True)
+            other = np.mean([other for _, other in found])
+            row = f"{interval.mean:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
+            print(f"| {media} | {name} | {row} | {seeds} | {mean:.3f} | {other:.3f} |", flush=True)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("models", nargs="+", help="best.pt:MEDIA, the number of glasses that it was trained on")
+    parser.add_argument("models", nargs="+", help="best.pt:MEDIA:SEED, glasses of its training or new, and its seed")
     parser.add_argument("--images", type=int, default=128)
     parser.add_argument("--each", type=int, default=4, help="of the waves' images, behind one glass")
     asked = parser.parse_args()

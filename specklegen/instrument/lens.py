@@ -3,10 +3,10 @@
     E(x) = (ds^2 / lambda) sum over s of P(s) u(s) / sqrt(cos cos_out) e^(i phase)
     phase = k [s . x + (cos - 1) d] + k_out (cos_out - 1) f
 
-on a square grid of sines. u belongs to z = 0, so that d is the thickness of a medium seen in transmission, and 0 in
-reflection; where it belongs to the face, d is 0. Behind a refracting face the angle outside is cos_out, and k_out f is
-what the light gathers there; without one it is 1 / cos and (L + f). Power is kept: the flux of E through the plane,
-sum |E|^2 cos_out, is that of |u|^2 per steradian inside.
+on a square grid of sines. u belongs to z = 0, so that d is the way from there to the face that the lens looks at: the
+thickness of a slab seen in transmission, and 0 in reflection; where u belongs to the face, d is 0. Behind a refracting
+face the angle outside is cos_out, and k_out f is what the light gathers there; without one it is 1 / cos and (L + f).
+Power is kept: the flux of E through the plane, sum |E|^2 cos_out, is that of |u|^2 per steradian inside.
 
 The grid repeats the image every lambda / ds; edges of the pupil count by the share of each cell inside them. The sum
 is two matrix products, for any pixels (Soummer, Pueyo, Sivaramakrishnan, Vanderbei, Opt. Express 15, 15935 (2007)).
@@ -20,7 +20,10 @@ import numpy as np
 from specklegen.core.nanoseconds import WAVE
 from specklegen.scene.imaging import Imaging
 from specklegen.scene.scene import Scene
-from specklegen.scene.sensors import FarFieldGrid
+from specklegen.scene.sensors import FarFieldGrid, Sensor
+
+FLAT = 0.75
+"""Share of its aperture over which the pupil of :class:`Points` is flat."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +60,19 @@ class Lens:
         """P complex128[N, N] over the grid."""
         return self.camera.pupil.cells(self.grid.shape[0], 2 / self.grid.shape[0])
 
-    def weights(self, from_face: bool = False) -> np.ndarray:
-        """Factor of the far field, complex128[N, N]; ``from_face`` if its phases refer to the face."""
+    def weights(self, from_face: bool = False, focus: float | None = None) -> np.ndarray:
+        """Factor of the far field, complex128[N, N]; ``from_face`` if its phases refer to the face.
+
+        ``focus`` is that of the camera by default.
+        """
         scene, faces = self.scene, self.scene.medium.faces
         x, y = self.grid.sines
         square, index = np.square(x) + np.square(y)[:, None], faces.inside / faces.outside
         inside, outside = np.sqrt(1 - square), np.sqrt(1 - index**2 * square)
-        thickness = scene.thickness if self.camera.side == "transmission" and not from_face else 0.0
+        way = 0.0 if from_face else scene.side * scene.exit_depth
+        focus = self.camera.focus if focus is None else focus
         # cos - 1 = -s^2 / (1 + cos), without cancellation; k_out (cos_out - 1) as much, with n s for s and k / n for k
-        length = square * (thickness / (1 + inside) + index * self.camera.focus / (1 + outside))
+        length = square * (way / (1 + inside) + index * focus / (1 + outside))
         scale = self.grid.pitch**2 / scene.wavelength
         return scale * self.pupil / np.sqrt(inside * outside) * np.exp(-1j * scene.wavenumber * length)
 
@@ -99,3 +106,59 @@ class Lens:
         side = 2 * self.grid.shape[0]
         spread = np.square(np.abs(np.fft.fft2(self.pupil, (side, side))))
         return float(power**2 / np.square(spread).mean()) * self.period**2
+
+
+@dataclass(frozen=True)
+class Points(Lens):
+    """Points behind a face as a lens sees them whose pupil takes all light that comes to them.
+
+    Attributes
+    ----------
+    sensor : NearField
+        Its P points.
+    """
+
+    sensor: Sensor
+
+    @property
+    def points(self) -> np.ndarray:
+        """float64[P, 3]."""
+        return self.sensor.vectors.reshape(-1, 3)
+
+    @cached_property
+    def pupil(self) -> np.ndarray:
+        """P float64[N, N]: 1 up to ``FLAT`` of the aperture, then softly down to 0, for a hard edge would diffract."""
+        x, y = self.grid.sines
+        beyond = (np.hypot(x, y[:, None]) / self.camera.aperture - FLAT) / (1 - FLAT)
+        return np.square(np.cos(np.pi / 2 * np.clip(beyond, 0, 1)))
+
+    @cached_property
+    def _depths(self) -> np.ndarray:
+        """float64[P], how far behind the face."""
+        return self.scene.side * (self.points[:, 2] - self.scene.exit_depth)
+
+    def image(self, fields: np.ndarray, *, from_face: bool = False) -> np.ndarray:
+        """Fields complex[T, P] at the points of far fields complex[T, N, N], in their precision."""
+        kind, out = fields.dtype, np.empty((len(fields), len(self.points)), fields.dtype)
+        for depth in np.unique(self._depths):
+            here = self._depths == depth
+            columns, rows = (
+                np.exp(1j * self.scene.wavenumber * np.outer(places, sines)).astype(kind)
+                for places, sines in zip(self.points[here, :2].T, self.grid.sines, strict=True)
+            )
+            weights = self.weights(from_face, float(depth)).astype(kind)
+            for field, seen in zip(fields, out, strict=True):
+                seen[here] = ((rows @ (weights * field)) * columns).sum(axis=1)
+        return out
+
+    @property
+    def flops(self) -> float:
+        """Real operations under one light: a product, and factors for each depth."""
+        views = float(self.grid.shape[0])
+        return 8 * views * (len(self.points) * (views + 1) + 10 * views * len(np.unique(self._depths)))
+
+    @property
+    def memory(self) -> float:
+        """Bytes held beside the far fields, under all lights."""
+        views, points = float(self.grid.shape[0]), len(self.points)
+        return 80 * views**2 + 48 * views * points + 16.0 * len(self.scene.lights) * points

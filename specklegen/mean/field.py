@@ -70,9 +70,10 @@ def mean_field(scene: Scene, *, most_nodes: float = 2e8) -> np.ndarray:
         reject("mean_field scene.illumination", "CollimatedBeams, PlaneWaves or PointSources", lights.type)
     if scene.thin is not None and lights.gridded and scene.sensor.regular_grid is None:
         return unscattered_field(scene)
-    if scene.sensor.focused:
+    if scene.imaged:
         lens = lens_of(scene)
-        return lens.image(mean_field(lens.pupil_scene, most_nodes=most_nodes))
+        field = lens.image(mean_field(lens.pupil_scene, most_nodes=most_nodes))
+        return field.reshape(len(field), *scene.sensor.shape)
     even = not (scene.medium.has_sides or scene.medium.refracts)
     if lights.gridded and even and scene.sensor.regular_grid is not None:
         return _object(scene.at_rest) * np.ones((len(lights.vectors), 1, 1))  # the same at all times of a film

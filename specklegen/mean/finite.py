@@ -7,7 +7,8 @@ theorem, which fixes ``N sqrt(c_s) s(1) = P (k / 2 pi)^((d-1)/2) sigma_t / 2`` w
 forward is the shadow. Behind a face A at v = i the modulus is ``(k / 2 pi)^((d-1)/2) A (1 - e^(-OD/2))``. The phase P,
 i in space and ``e^(3 i pi / 4)`` in flatland, is that of Kirchhoff's far field of an aperture that takes
 ``e^(-OD/2) - 1`` times the wave. Mixtures have the mean of their types' f; b is a beam's profile on its ray, per area
-of the entrance face.
+of the entrance face. Of polarised light f is what the analyser passes of s times the Jones matrix of one scattering,
+which forward is 1.
 """
 
 from itertools import count
@@ -19,6 +20,7 @@ from specklegen.core.errors import reject
 from specklegen.core.parallel import map_blocks
 from specklegen.kernels import mean_integrals
 from specklegen.mean.quadrature import Nodes, beam_nodes
+from specklegen.paths.jones import Analysed, require_ends
 from specklegen.paths.volumes import materials, spatial, volume_of
 from specklegen.scene.scatterers import Scatterer
 from specklegen.scene.scene import Scene
@@ -35,6 +37,10 @@ def scattered_mean(scene: Scene, most_nodes: float) -> np.ndarray:
     turned = 1j if scene.dimension == 3 else np.exp(0.75j * np.pi)
     scale = turned / scene.wavelength ** ((scene.dimension - 1) / 2)
     shapes = np.stack([forward_ratio(s, lights @ views.T, scene.dimension) for s in materials(scene.volume)])
+    if scene.polarisers is not None:
+        ends = require_ends(scene.volume)
+        shapes *= np.stack([Analysed(ends, *scene.polarisers.fields).single(lights, views, kind=n)
+                            for n in range(len(shapes))])  # fmt: skip
     if scene.medium.homogeneous and not scene.illumination.limited:
         return scale * shapes[0] * _box(scene, most_nodes)
     rows = []

@@ -22,7 +22,7 @@ from specklegen.paths.bank import PathBank, walk_frame
 from specklegen.paths.faces import crossing_matrices
 from specklegen.paths.phase_tables import walk_lobes
 from specklegen.scene.faces import Faces
-from specklegen.scene.media import PlaneMedium
+from specklegen.scene.media import Medium
 from specklegen.scene.polarisation import Polarisation
 from specklegen.scene.scatterers import Scatterer
 
@@ -76,15 +76,15 @@ def _end_table(scatterer: Scatterer) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return theta, *Ends((scatterer,), "vector").matrices(np.cos(theta))
 
 
-def ends_of(medium: PlaneMedium) -> Ends | None:
-    """Return the polarisation at the ends of connections between two planes; None for scalar light."""
+def ends_of(medium: Medium) -> Ends | None:
+    """Return the polarisation at the ends of connections; None for scalar light."""
     if medium.polarisation == "scalar":
         return None
     types = tuple(each for material in medium.scatterers for each, _ in material.components)
     return Ends(types, medium.polarisation, medium.faces)
 
 
-def require_ends(medium: PlaneMedium) -> Ends:
+def require_ends(medium: Medium) -> Ends:
     """Return it for a medium of polarised light."""
     ends = ends_of(medium)
     assert ends is not None, "it was asked for polarised light"
@@ -92,8 +92,8 @@ def require_ends(medium: PlaneMedium) -> Ends:
 
 
 @remembered(16)
-def type_matrices(medium: PlaneMedium) -> np.ndarray | None:
-    """S1 and S2 of every type for walks through layers, float64[t, n, 4]; no rows by the projector, None of scalars."""
+def type_matrices(medium: Medium) -> np.ndarray | None:
+    """S1 and S2 of every type for the volume walk, float64[t, n, 4]; no rows by the projector, None of scalars."""
     ends = ends_of(medium)
     if ends is None or ends.polarisation == "projector":
         return None if ends is None else read_only(np.empty((0, 0, 4)))

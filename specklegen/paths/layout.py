@@ -98,7 +98,7 @@ def scene_layout(scene: Scene) -> Layout:
 
 def _analysed(scene: Scene) -> Analysed | None:
     """Light and analyser of a polarised scene, and what its particles and faces do."""
-    ends = None if scene.polarisers is None else ends_of(scene.slab)
+    ends = None if scene.polarisers is None else ends_of(scene.volume)
     return None if scene.polarisers is None or ends is None else Analysed(ends, *scene.polarisers.fields)
 
 

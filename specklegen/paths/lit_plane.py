@@ -14,7 +14,7 @@ import numpy as np
 from specklegen.core.errors import reject
 from specklegen.core.memory import require_memory
 from specklegen.core.values import remembered
-from specklegen.instrument.lens import Lens
+from specklegen.instrument.lens import FLAT, Lens, Points
 from specklegen.paths.bank import PathBank
 from specklegen.paths.endpoint_factors import contributions, endpoint_factors
 from specklegen.paths.gaussianity import PathMoments
@@ -53,7 +53,10 @@ class LitPlane:
 
 
 def lens_of(scene: Scene) -> Lens:
-    """The lens of a scene, its pupil sampled as finely as the lit plane asks for."""
+    """The lens of a scene, its pupil sampled as finely as the lit plane asks for; that of points in the near field."""
+    points = scene.sensor if scene.sensor.near else None
+    if points is not None:
+        scene = _wide_open(scene)
     camera: Imaging = scene.sensor  # type: ignore[assignment]
     lit = lit_plane(scene)
     asked = lit.extent / 2 + max(lit.extent / 2, camera.reach)
@@ -71,7 +74,42 @@ def lens_of(scene: Scene) -> Lens:
         f"The plane in focus is lit over {lit.extent:.4g}: use a smaller aperture, illuminated area or |focus|.",
         share=0.9,
     )  # fmt: skip
-    return Lens(scene, camera, camera.pupil_grid(views))
+    grid = camera.pupil_grid(views)
+    return Lens(scene, camera, grid) if points is None else Points(scene, camera, grid, points)
+
+
+def _wide_open(scene: Scene) -> Scene:
+    """Look with a lens that takes all light from what is lit of a face to the points of a scene behind it."""
+    from specklegen.scene.imaging import Imaging
+
+    points, faces = scene.views, scene.medium.faces
+    aside, behind = np.hypot(*points[:, :2].T).max(initial=0.0), scene.side * (points[:, 2] - scene.exit_depth)
+    index, most = faces.inside / faces.outside, 0.99 * faces.largest_sine / np.sqrt(2)
+    nearest = float(behind.min(initial=np.inf))
+    side = "transmission" if scene.side > 0 else "reflection"
+
+    def radius_and_sine(extent: float) -> tuple[float, float]:
+        radius = extent / np.sqrt(2) + aside  # of a square, its corner
+        return radius, radius / np.hypot(radius, nearest) / index / FLAT
+
+    extent = scene.beams.window.support(_FAINT) + scene.thickness
+    while True:
+        radius, aperture = radius_and_sine(extent)
+        if not nearest > 0 or aperture >= most:
+            steep = FLAT * most * index
+            reject(
+                "NearField.points", f"at least {radius * np.sqrt(1 - steep**2) / steep:.4g} behind the face here",
+                nearest, f"The face is lit over {extent:.4g}, and light comes to nearer points at sines beyond "
+                f"{most:.3g} inside. Move the points away, narrow the illuminated area, or use Imaging, whose aperture "
+                "limits the light.",
+            )  # fmt: skip
+        pitch = scene.wavelength / (8 * aperture)
+        shape = (1, int(np.ceil(2 * aside / pitch)) + 1)
+        camera = Imaging(shape=shape, pitch=pitch, aperture=aperture, side=side)  # type: ignore[arg-type]
+        found = lit_plane(scene.replace(sensor=camera)).extent
+        if found <= extent:
+            return scene.replace(sensor=camera.replace(focus=float(behind.max())))
+        extent = 1.1 * found
 
 
 @remembered(64)
@@ -114,7 +152,7 @@ def steep_way(scene: Scene, light: np.ndarray) -> float:
     if scene.side < 0:
         return 0.0
     inside, outside = tangents(scene, float(np.hypot(*light[:2])))
-    return float(inside * scene.thickness + outside * scene.sensor.focus)  # type: ignore[attr-defined]
+    return float(inside * scene.exit_depth + outside * scene.sensor.focus)  # type: ignore[attr-defined]
 
 
 def _turned(scene: Scene, layout: Layout, bank: PathBank) -> float:

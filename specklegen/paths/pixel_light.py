@@ -74,7 +74,7 @@ def pupil_views(scene: Scene, lens: Lens) -> PupilViews:
 
 def depths(scene: Scene, bank: PathBank) -> np.ndarray:
     """float64[M], from the last particles to the face that the lens looks at."""
-    return scene.thickness - bank.exit[:, 2] if scene.side > 0 else bank.exit[:, 2]
+    return scene.side * (scene.exit_depth - bank.exit[:, 2])
 
 
 def sideways(bank: PathBank, light: np.ndarray) -> np.ndarray:

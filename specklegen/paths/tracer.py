@@ -13,6 +13,7 @@ from specklegen.core.values import remembered
 from specklegen.paths.bank import PathBank
 from specklegen.paths.faces import require_reflection
 from specklegen.paths.far_field import middle_light
+from specklegen.paths.jones import type_matrices
 from specklegen.paths.layout import Layout, plane_layout, scene_layout
 from specklegen.paths.phase_tables import common_lobe
 from specklegen.paths.proposal import beam_proposal, default_max_order, plane_proposal
@@ -112,10 +113,16 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
     """Tracer of any scene; of a slab that refracts, which only the paths of beams know, theirs.
 
     Connections are not thinned where sensor points lie close: what is bright there is not known from a few
-    of them.
+    of them. Polarised scenes have the same paths whatever light and analyser are.
     """
+    if scene.imaged:
+        reject("Scene.sensor", "in the far field for this function, behind refracting faces", scene.sensor.type,
+               "Only plan, render and mean_field support points there.")  # fmt: skip
     if scene.film:
         return _filming(volume_tracer(scene.at_rest, reverse), scene)
+    if scene.medium.has_sides and scene.polarisers not in (None, Polarisers()):
+        alike: Any = volume_tracer(scene.replace(polarisers=Polarisers()), reverse)
+        return replace(alike, layout=scene_layout(scene))
     if not scene.medium.has_sides:
         if scene.slab.refracts or scene.polarisers is not None:
             return slab_tracer(scene, reverse)
@@ -124,7 +131,7 @@ def volume_tracer(scene: Scene, reverse: bool) -> Tracer:
     tracer = VolumeTracer(
         layout=layout, sources=scene_sources(scene), lobe=common_lobe(materials(scene.volume), scene.dimension),
         bidirectional=reverse or bool(close_points(scene, layout.volume)), threshold=0.0,
-        max_order=default_max_order(scene.volume),
+        max_order=default_max_order(scene.volume), matrices=type_matrices(scene.volume),
     )  # fmt: skip
     seed = pilot_seed(scene.unitless_fingerprint())
 

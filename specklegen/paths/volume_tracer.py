@@ -43,6 +43,8 @@ class VolumeTracer:
         Connections a path for which a block reserves memory; a block that finds more is traced twice.
     transfer : bool
         Whether paths collect their momentum transfer.
+    matrices : float64[t, n, 4] or None
+        Those of polarised light (:func:`specklegen.paths.jones.type_matrices`); None of scalars.
     """
 
     layout: Layout
@@ -53,6 +55,7 @@ class VolumeTracer:
     max_order: int
     capacity: float = 8.0
     transfer: bool = False
+    matrices: np.ndarray | None = None
 
     def trace(
         self, seed: Seed, count: int, *, first: int = 0, sample: int = 0, stream: Stream = Stream.PATHS,
@@ -63,7 +66,7 @@ class VolumeTracer:
         return traced(self.layout.volume, self.layout.table, self.lobe, self.sources, probed,
                       walk.Rules(int(self.bidirectional), self.threshold, self.max_order), seed, count, first=first,
                       sample=sample, stream=stream, threads=threads, capacity=self.capacity,
-                      transfer=self.transfer)  # fmt: skip
+                      transfer=self.transfer, matrices=self.matrices)  # fmt: skip
 
 
 def traced(
@@ -73,7 +76,7 @@ def traced(
 ) -> PathBank:  # fmt: skip
     """Trace paths ``first`` ... ``first + count - 1``, block after block; a pure function of all but ``threads``.
 
-    ``matrices`` are those of polarised light through layers (:func:`specklegen.paths.jones.type_matrices`).
+    ``matrices`` are those of polarised light (:func:`specklegen.paths.jones.type_matrices`).
     """
     where = Address(*stream_key(seed, stream), sample)
     if transfer and not len(volume.mobility):  # at rest

@@ -47,7 +47,9 @@ def volume_of(medium: Medium, dimension: int) -> Volume:
             lower[1], upper[1] = -np.inf, np.inf
     bounds = np.stack([lower, upper])
     if medium.homogeneous:
-        cells = np.array([[1, 1, 1], [1, 1, 1], [dimension, 1, 0]], HOMOGENEOUS)
+        # Of polarised light as a layer with sides, whose kernels are compiled for layers anyway.
+        kind = HOMOGENEOUS if medium.polarisation == "scalar" or not medium.has_sides else LAYERS
+        cells = np.array([[1, 1, 1], [1, 1, 1], [dimension, 1, 0]], kind)
         sigma = np.array([1 / medium.mean_free_path])
         albedo = np.array([float(medium.albedo)])
         mobility, flow = speeds(medium), flow_rows(medium.motions, dimension)

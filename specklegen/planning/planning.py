@@ -15,7 +15,7 @@ import numpy as np
 from specklegen.core.arguments import flag, instance, real_number, whole_number
 from specklegen.core.budgets import Budget, BudgetFields, budget_of
 from specklegen.core.decision import Decision
-from specklegen.core.errors import reject
+from specklegen.core.errors import RuleError, reject
 from specklegen.core.memory import require_memory
 from specklegen.core.pace import seconds
 from specklegen.core.parallel import thread_count
@@ -216,7 +216,7 @@ def planned(scene: Scene, budget: Budget, options: Options) -> Plan:
         return _planned_object(scene, budget, options)
     if scene.illumination.focused:
         return _planned_focus(scene, budget, options)
-    if scene.sensor.focused:
+    if scene.imaged:
         return _planned_image(scene, budget, options)
     grid = scene.sensor.regular_grid
     if grid is not None and scene.illumination.limited:
@@ -295,8 +295,15 @@ def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
     if kept_out is not None and asked is Stationary:
         reject("sampler", '"auto" or "paths" for this scene', asked.name, f"The stationary sampler {kept_out}.")
     lens = few = None
-    if kept_out is None and asked is not PathSums and scene.sensor.focused:
-        lens, turned = lens_of(scene), lit_plane(scene).turned
+    if kept_out is None and asked is not PathSums and (scene.sensor.focused or scene.sensor.near):
+        try:
+            lens = lens_of(scene)
+        except RuleError as refused:
+            if asked is Stationary or scene.imaged:
+                raise
+            kept_out = f"sums over directions: {refused}"
+    if lens is not None:
+        turned = lit_plane(lens.scene).turned
         allowed = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
         few = _turned(turned, allowed, asked is Stationary) if turned > allowed else None
         kept_out = few.reason if few is not None and not few.needed else None
@@ -334,7 +341,7 @@ def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
     if lens is not None:
         operations["flop"] = operations.get("flop", 0.0) + lens.flops(len(light.vectors))
         needed += int(lens.memory)
-        kept = [*([] if few is None else [few]), _seen(lens, lit_plane(scene).extent), *kept]
+        kept = [*([] if few is None else [few]), _seen(lens, lit_plane(lens.scene).extent), *kept]
     _require_memory(scene, needed, chosen.paths)
     area = scene.beams.window.area
     ratio = coherent_mean(seen, chosen.intensity / area, scene.optical_depth)
@@ -404,9 +411,10 @@ def _planned_image(scene: Scene, budget: Budget, options: Options) -> Plan:
     if asked is not None and asked.abilities.lens == "none":
         reject("sampler", '"auto", "paths" or "stationary" for a camera with a lens', asked.name)
     tolerance = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
-    scene, exposed = _with_sub_frames(scene, tolerance)
-    lens, lit = lens_of(scene), lit_plane(scene)
-    few = _too_narrow(scene, lit, asked)
+    scene, exposed = (scene, []) if scene.sensor.near else _with_sub_frames(scene, tolerance)
+    lens = lens_of(scene)
+    lit = lit_plane(lens.scene)
+    few = _too_narrow(lens.scene, lit, asked)
     at_faces = asked is not None and asked.abilities.lens == "face"
     if few is None and lit.turned > tolerance:
         few = _turned(lit.turned, tolerance, at_faces)

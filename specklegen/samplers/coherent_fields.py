@@ -132,15 +132,16 @@ MOST_FRAMES = 32
 
 def coherent_obstacle(scene: Scene) -> str | None:
     """Say why the memory effect between plane waves does not serve a scene of a volume; None where it may."""
-    if scene.sensor.near:
-        return "serves narrow cameras: points in the near field see light of all directions, whose brightness differs"
-    if scene.sensor.regular_grid is None and not scene.sensor.focused:
-        return "needs a regular far-field grid or a lens"
+    if scene.medium.has_sides:
+        return "needs a medium between two planes, where light walks sideways alike everywhere"
+    close = scene.sensor.near or scene.sensor.focused
+    if scene.sensor.regular_grid is None and not close:
+        return "needs a regular far-field grid, a lens or points"
     if scene.side < 0:
         return "draws coherent objects in transmission only"
     if scene.film and scene.volume.flows:
         return "draws no films of coherent objects behind media that flow"
-    mixed = scene.film or scene.polarisers is not None or scene.sensor.focused
+    mixed = scene.film or scene.polarisers is not None or close
     if mixed and len(scene.illumination.vectors) > MOST_FRAMES:
         return f"mixes at most {MOST_FRAMES} frames or objects"
     return None

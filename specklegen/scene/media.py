@@ -40,8 +40,11 @@ class _Bounded(Bulk):
     indices: ClassVar[tuple[float, ...]] = ()
 
     if TYPE_CHECKING:  # fields stand where they are written
+        type: str
         lower: Array
         upper: Array
+        scatterers: tuple[AnyScatterer, ...]
+        polarisation: Polarisation
 
     @property
     def faces(self) -> Faces:
@@ -67,6 +70,14 @@ class _Bounded(Bulk):
     def narrowest(self) -> float:
         """Shortest side."""
         return float(np.min(self.upper - self.lower))
+
+    def _require_polarised(self) -> None:
+        """Refuse polarised light in flatland, and particles and motions that it is not known for."""
+        if self.polarisation != "scalar" and self.dimension == 2:
+            reject(f"{self.type}.polarisation", '"scalar" in flatland', self.polarisation,
+                   "Give the corners three coordinates: there the field has one component.")  # fmt: skip
+        for scatterer, motion in zip(self.scatterers, self.motions, strict=True):
+            require_polarised(self.type, self.polarisation, scatterer, self.faces, motion)
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Return whether points float64[n, d] are inside, bool[n]."""
@@ -190,6 +201,8 @@ class Box(_Bounded):
         What one particle does with the light that it scatters.
     motion
         How the particles move (:class:`Brownian`, or a :class:`Motion` of one's own); by default they are at rest.
+    polarisation
+        As of a :class:`Slab`, in space; known to scenes with ``polarisers``.
 
     Examples
     --------
@@ -206,11 +219,13 @@ class Box(_Bounded):
     albedo: UnitInterval = 1.0
     scatterer: AnyScatterer
     motion: AnyMotion | None = None
+    polarisation: Polarisation = "scalar"
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         _require_corners("Box", self.lower, self.upper)
         _require_density("Box", self.mean_free_path)
+        self._require_polarised()
         return self
 
     @property
@@ -252,6 +267,8 @@ class VoxelGrid(_Bounded):
         The materials.
     motion
         How all particles move, or a motion for each material, None of one at rest; by default all are.
+    polarisation
+        As of a :class:`Slab`, in space; known to scenes with ``polarisers``.
 
     Examples
     --------
@@ -275,6 +292,7 @@ class VoxelGrid(_Bounded):
     material: Array = Field(default_factory=lambda: np.zeros(()), validate_default=True)
     scatterers: tuple[AnyScatterer, ...]
     motion: AnyMotion | tuple[AnyMotion | None, ...] | None = None
+    polarisation: Polarisation = "scalar"
 
     @field_validator("motion", mode="before")
     @classmethod
@@ -306,6 +324,7 @@ class VoxelGrid(_Bounded):
             reject("VoxelGrid.motion", f"one for all, or one for each of {len(self.scatterers)} scatterers",
                    len(self.motion))  # fmt: skip
         fastest(self.motions)  # laws that are no factor apart are refused
+        self._require_polarised()
         return self
 
     @property

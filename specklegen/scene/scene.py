@@ -127,7 +127,7 @@ class Scene(Value, Pictured):
                        "crossed ones pass no light.")  # fmt: skip
             if self.polarisers is not None:
                 reject("Scene.polarisers", "left out for scalar light", self.polarisers,
-                       'Give the Slab polarisation = "projector" or "vector".')  # fmt: skip
+                       f'Give the {self.medium.type} polarisation = "projector" or "vector".')  # fmt: skip
             return
         if self.polarisers is None:
             reject("Scene.polarisers", "given for polarised light", None,
@@ -146,11 +146,11 @@ class Scene(Value, Pictured):
 
     def _require_lens(self) -> None:
         """Refuse a lens before what it does not serve, an aperture that nothing fills, and pixels too large."""
-        seen = isinstance(self.medium, PlaneParallel) or (self.thin is not None and self.illumination.gridded)
+        seen = self.thin is None or self.illumination.gridded
         if not seen or not self.illumination.limited:
             reject("Scene.sensor", "FarField or NearField for this medium and light", self.sensor.type,
-                   "A camera with a lens needs a Slab or Layers, and CollimatedBeams or an "
-                   "IncoherentObject.")  # fmt: skip
+                   "A camera with a lens needs scatterers in a volume, and CollimatedBeams or an object; of thin "
+                   "screens a CoherentObject.")  # fmt: skip
         camera = cast(Imaging, self.sensor)
         require_range({"Imaging.focus": abs(camera.focus), "Imaging.pitch": camera.pitch})
         camera.require_lens(self.wavelength, self.medium.faces.largest_sine)
@@ -191,18 +191,26 @@ class Scene(Value, Pictured):
         if not self.medium.refracts:
             return
         indices = self.volume.indices
-        if not self.illumination.limited or self.sensor.near or self.dimension == 2:
+        if not self.illumination.limited or self.dimension == 2:
             reject(f"{self.medium.type}.{'layers' if indices else 'faces'}",
-                   f"{'of one index' if indices else 'matched'}, unless beams in space are seen from afar",
+                   f"{'of one index' if indices else 'matched'}, unless beams light it in space",
                    indices or self.medium.faces,
-                   "Refracting faces are modelled in three dimensions in the far field: leave faces out, or use "
-                   "CollimatedBeams or an IncoherentObject with a far-field sensor.")  # fmt: skip
+                   "Refracting faces are modelled in three dimensions: leave faces out, or use "
+                   "CollimatedBeams or an object.")  # fmt: skip
         light = self.illumination
-        if (self.sensor.focused or (light.focused and not light.gridded)) and as_slab(self.slab) is None:
-            reject(f"{self.medium.type}.{'layers' if indices else 'faces'}", "of one index, for a camera with a lens",
-                   indices or self.medium.faces,
-                   "Use equal indices: with a lens only a Slab may have faces.")  # fmt: skip
+        if (self.imaged or (light.focused and not light.gridded)) and as_slab(self.slab) is None:
+            reject(f"{self.medium.type}.{'layers' if indices else 'faces'}",
+                   "of one index, for points and cameras with a lens", indices or self.medium.faces,
+                   "Use equal indices, or a far-field sensor: with a lens only a Slab may have faces.")  # fmt: skip
         self.slab.require_crossing(f"{self.illumination.type}.directions", self.lights)
+        if self.sensor.near:
+            behind = self.side * (self.views[:, -1] - self.exit_depth)
+            if (behind <= 0).any():
+                reject("NearField.points", "all on one side of a slab with refracting faces, outside of it",
+                       self.views[behind.argmin()], "Light inside meets both faces again and again, which is modelled "
+                       "for light that leaves only. For both sides make two scenes: the same seed gives the same "
+                       "light.")  # fmt: skip
+            return
         seen = self.sensor.corners
         if seen[..., 2].min(initial=0.0) < 0 < seen[..., 2].max(initial=0.0):
             reject(f"{self.sensor.type}.directions", "all on one side of a slab with refracting faces", "views on both",
@@ -299,6 +307,11 @@ class Scene(Value, Pictured):
     @cached_property
     def _unitless_fingerprint(self) -> str:
         return unitless_fingerprint(self.at_rest, self.wavelength)  # seconds, of millions of pixels as text
+
+    @property
+    def imaged(self) -> bool:
+        """True if fields are sums over directions: those of a lens, and at points behind refracting faces."""
+        return self.sensor.focused or (self.sensor.near and self.thin is None and self.medium.refracts)
 
     @cached_property
     def film(self) -> bool:
@@ -427,6 +440,12 @@ class Scene(Value, Pictured):
         if self.sensor.regular_grid is not None:
             return self.sensor.regular_grid.sign
         return 1.0 if np.sum(self.views[:, -1]) >= 0 else -1.0
+
+    @property
+    def exit_depth(self) -> float:
+        """Depth z of the face through which light leaves to the sensor's side."""
+        first = float(self.volume.lower[-1]) if self.medium.has_sides else 0.0  # type: ignore[union-attr]
+        return first + self.thickness if self.side > 0 else first
 
     @property
     def speckle_size(self) -> float:

@@ -146,12 +146,20 @@ NEAR = sg.sensors.NearField(np.array([[0.0, 3.0, 90.0], [9.0, 0.0, 90.0]]))
 LENS = sg.sensors.Imaging(shape=(4, 4), pitch=4.0, aperture=0.05)
 THIN = sg.Slab(thickness=60.0, mean_free_path=10.0, scatterer=HG)
 BROWNIAN = THIN.replace(motion=sg.media.Brownian(diffusion=1.0))
+BOX = sg.media.Box(lower=[-90, -90, 0], upper=[90, 90, 40], mean_free_path=20.0, scatterer=HG)
 COMBINATIONS = {
     "faces": (THIN.replace(faces=sg.media.Faces(inside=1.4)), FAR, None, None),
     "layers of two indices": (
         sg.Layers([sg.media.Layer(thickness=30.0, mean_free_path=10.0, scatterer=HG, index=1.3),
                    sg.media.Layer(thickness=30.0, mean_free_path=10.0, scatterer=HG)]), FAR, None, None),
-    "box": (sg.media.Box(lower=[-90, -90, 0], upper=[90, 90, 40], mean_free_path=20.0, scatterer=HG), FAR, None, None),
+    "faces, far points": (THIN.replace(faces=sg.media.Faces(inside=1.4)),
+                          sg.sensors.NearField(np.array([[0.0, 3.0, 3e4], [90.0, 0.0, 3e4]])), None, None),
+    "box": (BOX, FAR, None, None),
+    "box, lens": (BOX, LENS.replace(focus=30.0), None, None),
+    "box, lens, reflection": (BOX, LENS.replace(side="reflection"), None, None),
+    "box, vector": (BOX.replace(scatterer=sg.media.Rayleigh(), polarisation="vector"), FAR, CROSSED, None),
+    "box, projector, film": (
+        BOX.replace(polarisation="projector", motion=sg.media.Brownian(diffusion=1.0)), FAR, CROSSED, [0.0, 1e-3]),
     "reflection": (THIN, BACK, None, None),
     "near field": (THIN, NEAR, None, None),
     "lens": (THIN, LENS, None, None),

@@ -14,7 +14,7 @@ from specklegen.instrument.lens import Lens
 from specklegen.paths.endpoint_factors import multiple_amplitudes, single_amplitudes
 from specklegen.paths.layout import scene_layout
 from specklegen.paths.lit_plane import lens_of, lit_plane
-from specklegen.paths.tracer import slab_tracer
+from specklegen.paths.tracer import slab_tracer, volume_tracer
 from specklegen.samplers.path_sums.direct import direct_field
 from tests.refusals import assert_refused
 from tests.zscore import assert_mean, assert_z, refute_mean, refute_z
@@ -79,6 +79,38 @@ def test_points_on_the_plane_in_focus_see_the_same_field_through_the_pupil(pupil
     expected = waves(rows, y) @ filtered @ waves(columns, x).T / 1j  # e^ikr / r is i / lambda times the sum of waves
     assert rms(far(60.0) - expected) < 1e-6 * rms(expected)
     assert rms(far(60.0 * 1.001) - expected) > 1e-3 * rms(expected)
+
+
+@pytest.mark.parametrize("side", ["transmission", "reflection"])
+def test_before_a_box_the_lens_sums_its_directions_at_their_places(side):
+    """The same connections, by rings of directions (Gauss and Legendre) and absolute phases at points of the plane.
+
+    The box begins 25 before z = 0, so that neither of its faces is where phases start.
+    """
+    box = sg.media.Box(lower=[-15, -15, -25], upper=[15, 15, 10], mean_free_path=20.0, scatterer=sg.Isotropic())
+    seen = scene(box, width=20.0, tilts=(0.0, 0.02), shape=(7, 6), pitch=1.5, aperture=0.15, focus=30.0, side=side)
+    through = lens_of(seen)
+    tracer = volume_tracer(through.pupil_scene, False)
+    bank = tracer.trace(1, 200, threads=1)
+    phases = np.exp(2j * np.pi * np.random.default_rng(0).random(len(bank)))
+    found = through.image(direct_field(tracer.layout, bank, (phases, None)).reshape(2, *through.grid.shape))
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    sines, turns = 0.15 * np.sqrt((nodes + 1) / 2), 2 * np.pi * np.arange(80) / 80
+    sign = 1.0 if side == "transmission" else -1.0
+    cosines = np.sqrt(1 - np.square(sines))
+    views = np.stack([np.outer(sines, np.cos(turns)), np.outer(sines, np.sin(turns)),
+                      np.repeat(sign * cosines[:, None], 80, axis=1)], axis=-1).reshape(-1, 3)  # fmt: skip
+    share = np.repeat(weights * np.pi * 0.15**2 / 2 / cosines, 80) / 80
+    far = direct_field(tracer.layout.of_views(views), bank, (phases, None)) * share
+
+    def at_plane(z):
+        x, y = np.meshgrid(*seen.sensor.positions)
+        points = np.stack([x.ravel(), y.ravel(), np.full(x.size, z)], axis=-1)
+        return (far @ np.exp(1j * K * views @ points.T)).reshape(2, 7, 6) * np.exp(-1j * K * sign * z)
+
+    expected = at_plane(40.0 if side == "transmission" else -55.0)
+    assert np.abs(found - expected).max() < 0.01 * np.abs(expected).max()
+    assert np.abs(found - at_plane(15.0 if side == "transmission" else -30.0)).max() > 0.05 * np.abs(expected).max()
 
 
 def fields_of(through, count=1, seed=0):

@@ -422,7 +422,7 @@ REFUSED = {
     "points": (
         lambda: sg.Scene(wavelength=1.0, medium=slab(), illumination=sg.PlaneWaves.tilts([0.0]),
                          sensor=sg.NearField(points=[[0.0, 0.0, -5.0]])),
-        "Slab.faces must be matched, unless beams in space are seen from afar",
+        "Slab.faces must be matched, unless beams light it in space",
     ),
     "beyond the cone": (lambda: scene(slab(), sg.FarField(directions=[direction(0.7)])),
                         r"FarField.directions must be of sines below 0\.6667"),

@@ -55,7 +55,7 @@ class Work:
     @property
     def polarisation(self) -> Polarisation:
         """Effect of the medium on polarised light."""
-        return "scalar" if self.scene.polarisers is None else self.scene.slab.polarisation
+        return "scalar" if self.scene.polarisers is None else self.scene.volume.polarisation
 
     @property
     def chunks(self) -> Chunks:
