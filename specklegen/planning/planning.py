@@ -295,6 +295,10 @@ def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
     if kept_out is not None and asked is Stationary:
         reject("sampler", '"auto" or "paths" for this scene', asked.name, f"The stationary sampler {kept_out}.")
     lens = few = None
+    if kept_out is None and asked is not PathSums and scene.thin is None:
+        kept_out = _backscattering(scene, budget)
+        if kept_out is not None and asked is Stationary:
+            reject("sampler", '"auto" or "paths" for this scene', asked.name, f"The stationary sampler {kept_out}.")
     if kept_out is None and asked is not PathSums and (scene.sensor.focused or scene.sensor.near):
         try:
             lens = lens_of(scene)
@@ -351,6 +355,19 @@ def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
         seconds=seconds(operations, threads), setup_seconds=seconds(cost.once, threads), memory_bytes=needed,
         alternatives={},
     )  # fmt: skip
+
+
+def _backscattering(scene: Scene, budget: Budget) -> str | None:
+    """Say what paths and their reverse keep the stationary sampler from; None where no wave of an object meets a view.
+
+    Both ways of a path interfere about exact backscattering of each wave. Fields at different places of the face are
+    then no longer uncorrelated, which that sampler takes them for.
+    """
+    if scene.side > 0 or scene.imaged:  # a lens looks along the axis, where its pupil is judged
+        return None
+    allowed = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
+    reversal = scene_reversal(scene.replace(illumination=scene.beams), budget.reverse, allowed)
+    return f"has no reversed paths, which {reversal.reason}; look aside of the axis" if reversal.needed else None
 
 
 def _drawn_plan(scene: Scene, budget: Budget, options: Options) -> Plan:

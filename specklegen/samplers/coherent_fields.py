@@ -121,6 +121,8 @@ def coherent_mean(scene: Scene, intensity: float, depth: float) -> float:
     ``intensity`` is the scattered one of a beam of unit irradiance over its area, e^-depth the unscattered share.
     """
     grid, amplitudes = wave_grid(scene.illumination, scene.wavelength, scene.grid)
+    if scene.side < 0:  # what is not scattered does not come back
+        return 0.0
     power = np.square(np.abs(amplitudes)) * (1.0 if scene.polarisers is None else abs(scene.polarisers.straight) ** 2)
     strongest = (power.max(axis=(1, 2)) / np.maximum(power.sum(axis=(1, 2)), 1e-300)).max(initial=0.0)
     return float(np.exp(-depth) * strongest * (grid.side / grid.wavelength) ** 2 / max(intensity, 1e-300))
@@ -137,11 +139,11 @@ def coherent_obstacle(scene: Scene) -> str | None:
     close = scene.sensor.near or scene.sensor.focused
     if scene.sensor.regular_grid is None and not close:
         return "needs a regular far-field grid, a lens or points"
-    if scene.side < 0:
-        return "draws coherent objects in transmission only"
+    if scene.side < 0 and (close or scene.film or scene.polarisers is not None):
+        return "draws far fields of scalar light only, where it comes back from a medium at rest"
     if scene.film and scene.volume.flows:
         return "draws no films of coherent objects behind media that flow"
-    mixed = scene.film or scene.polarisers is not None or close
+    mixed = scene.film or scene.polarisers is not None or close or scene.side < 0
     if mixed and len(scene.illumination.vectors) > MOST_FRAMES:
         return f"mixes at most {MOST_FRAMES} frames or objects"
     return None

@@ -65,8 +65,9 @@ def stationary_decision(scene: Scene, request: Request) -> tuple[Model | None, D
     asked, models = request.asked == "stationary", list[Model]()
     if obstacle is None and request.envelope:
         models = [Model(form, enveloped) for enveloped in (False, True) for form in _forms(scene)]
-    elif obstacle is None:  # of a recipe's media that of the axis alone
-        models = [Model("axial")] if "axial" in _forms(scene) else []
+    elif obstacle is None:  # of a recipe's media that of the axis alone; in reflection coherent objects have another
+        back = request.walked and scene.side < 0
+        models = [Model(form) for form in _forms(scene) if form == "axial" or back]
     if asked and models and scene.hides_object and _about_axis(scene) and (request.merged or request.envelope):
         models.append(Model("averaged", enveloped=True))
     if scene.polarisers is not None:  # envelopes are those of light that is the same whichever way it is turned
