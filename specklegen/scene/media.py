@@ -40,11 +40,8 @@ class _Bounded(Bulk):
     indices: ClassVar[tuple[float, ...]] = ()
 
     if TYPE_CHECKING:  # fields stand where they are written
-        type: str
         lower: Array
         upper: Array
-        scatterers: tuple[AnyScatterer, ...]
-        polarisation: Polarisation
 
     @property
     def faces(self) -> Faces:
@@ -70,14 +67,6 @@ class _Bounded(Bulk):
     def narrowest(self) -> float:
         """Shortest side."""
         return float(np.min(self.upper - self.lower))
-
-    def _require_polarised(self) -> None:
-        """Refuse polarised light in flatland, and particles and motions that it is not known for."""
-        if self.polarisation != "scalar" and self.dimension == 2:
-            reject(f"{self.type}.polarisation", '"scalar" in flatland', self.polarisation,
-                   "Give the corners three coordinates: there the field has one component.")  # fmt: skip
-        for scatterer, motion in zip(self.scatterers, self.motions, strict=True):
-            require_polarised(self.type, self.polarisation, scatterer, self.faces, motion)
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Return whether points float64[n, d] are inside, bool[n]."""
@@ -225,7 +214,7 @@ class Box(_Bounded):
     def _check(self) -> Self:
         _require_corners("Box", self.lower, self.upper)
         _require_density("Box", self.mean_free_path)
-        self._require_polarised()
+        _require_polarised(self)
         return self
 
     @property
@@ -324,7 +313,7 @@ class VoxelGrid(_Bounded):
             reject("VoxelGrid.motion", f"one for all, or one for each of {len(self.scatterers)} scatterers",
                    len(self.motion))  # fmt: skip
         fastest(self.motions)  # laws that are no factor apart are refused
-        self._require_polarised()
+        _require_polarised(self)
         return self
 
     @property
@@ -352,6 +341,15 @@ class VoxelGrid(_Bounded):
 def _require_density(owner: str, mean_free_path: float) -> None:
     if mean_free_path < 1 / np.finfo(np.float64).max:
         reject(f"{owner}.mean_free_path", "large enough that its inverse is finite", mean_free_path)
+
+
+def _require_polarised(medium: Box | VoxelGrid) -> None:
+    """Refuse polarised light in flatland, and particles and motions that it is not known for."""
+    if medium.polarisation != "scalar" and medium.dimension == 2:
+        reject(f"{medium.type}.polarisation", '"scalar" in flatland', medium.polarisation,
+               "Give the corners three coordinates: there the field has one component.")  # fmt: skip
+    for scatterer, motion in zip(medium.scatterers, medium.motions, strict=True):
+        require_polarised(medium.type, medium.polarisation, scatterer, medium.faces, motion)
 
 
 def _require_corners(owner: str, lower: np.ndarray, upper: np.ndarray) -> None:
