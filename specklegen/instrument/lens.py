@@ -151,11 +151,11 @@ class Points(Lens):
                 seen[here] = ((rows @ (weights * field)) * columns).sum(axis=1)
         return out
 
-    @property
-    def flops(self) -> float:
-        """Real operations under one light: a product, and factors for each depth."""
-        views = float(self.grid.shape[0])
-        return 8 * views * (len(self.points) * (views + 1) + 10 * views * len(np.unique(self._depths)))
+    def flops(self, lights: int) -> float:
+        """Real operations of a product for each depth under so many lights, and of the waves that they share."""
+        views, points, planes = float(self.grid.shape[0]), len(self.points), len(np.unique(self._depths))
+        waves = WAVE * views * (planes * views + 2 * points)
+        return waves + lights * 8 * views * (points * (views + 1) + planes * views)
 
     @property
     def memory(self) -> float:
