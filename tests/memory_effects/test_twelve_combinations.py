@@ -182,37 +182,34 @@ CASES = {
 }
 
 
-PATHS, MORE = 800_000, 3_200_000
+PATHS, FEWER = 200_000, 50_000
 CAUGHT = {
-    "tilts of absorbing layers seen aside": (0.03, PATHS),
-    "tilts of absorbing layers sent back aside": (0.05, PATHS),
-    "layers of unlike diffusion sent back aside": (0.03, PATHS),
-    "times and tilts at once, seen aside": (0.03, PATHS),
-    "a sheared layer under one at rest, sent back aside": (0.03, PATHS),
-    "a drifting layer under a diffusing one, seen aside": (0.03, PATHS),
-    "tilts of polarised absorbing layers sent back aside, crossed": (0.1, PATHS),
-    "times of polarised absorbing layers sent back aside, along": (0.05, PATHS),
-    "Mueller matrix of absorbing layers sent back aside": (0.05, PATHS),
-    "a sheared absorbing box seen aside": (0.02, PATHS // 4),
-    "contrast behind absorbing layers": (0.03, PATHS),
-    "oblique light through absorbing layers": (0.02, PATHS // 4),
+    "tilts of absorbing layers seen aside": (0.06, PATHS, 0.01, 5.3, 6.9),
+    "tilts of absorbing layers sent back aside": (0.1, PATHS, 0.03, 3.2, 6.4),
+    "layers of unlike diffusion sent back aside": (0.06, PATHS, 0.01, 5.3, 5.2),
+    "times and tilts at once, seen aside": (0.06, PATHS, 0.01, 5.6, 8.0),
+    "a sheared layer under one at rest, sent back aside": (0.06, PATHS, 0.01, 7.8, 6.5),
+    "a drifting layer under a diffusing one, seen aside": (0.06, PATHS, 0.03, 0.8, 1.6),
+    "tilts of polarised absorbing layers sent back aside, crossed": (0.2, PATHS, 0.05, 3.2, 6.4),
+    "times of polarised absorbing layers sent back aside, along": (0.1, PATHS, 0.03, 3.2, 6.4),
+    "Mueller matrix of absorbing layers sent back aside": (0.1, PATHS, 0.03, 3.2, 6.4),
+    "a sheared absorbing box seen aside": (0.04, FEWER, 0.01, 0.8, 2.0),
+    "contrast behind absorbing layers": (0.06, PATHS, 0.03, 0.8, 1.6),
+    "oblique light through absorbing layers": (0.04, FEWER, 0.01, 1.0, 2.0),
 }
-"""Relative error, of the tilt, time, width of a spectrum, angle or element, that is caught, and paths for it; a fast
-test takes a quarter of these paths and catches twice the error."""
+"""Relative error, of the tilt, time, width of a spectrum, angle or element, that the fast test catches, and its paths
+(the walk takes twice as many); that of the weekly test, and millions of paths of the engine and of the walk.
 
-LONGER = {
-    "tilts of absorbing layers sent back aside": 0.03,
-    "tilts of polarised absorbing layers sent back aside, crossed": 0.05,
-    "times of polarised absorbing layers sent back aside, along": 0.03,
-    "Mueller matrix of absorbing layers sent back aside": 0.03,
-}
+Where 1 % is caught, both share the time so that their errors together are least. For all to catch 1 % would take some
+35 CPU minutes, half of them behind crossed polarisers.
+"""
 
 
-def require_agreement(name, caught, paths):
+def require_agreement(name, caught, paths, photons):
     """C_I, and the sign of K's phase where it has one; a share more of what changes it is caught."""
     found, walked = CASES[name]
     value, error, field = found(np.array([1.0, 1 + caught, 1 - caught]), paths=paths, seed=1, threads=1)
-    expected, noise, by_hand = walked(2 * paths)
+    expected, noise, by_hand = walked(photons)
     both = np.hypot(error, noise)
     assert_z(value[0], expected, both[0], degrees=BATCHES - 1)
     assert abs(np.angle(field[0] / by_hand)) < 0.15
@@ -222,17 +219,12 @@ def require_agreement(name, caught, paths):
 
 @pytest.mark.parametrize("name", CASES)
 def test_a_literal_walk_agrees(name):
-    caught, paths = CAUGHT[name]
-    require_agreement(name, 2 * caught, paths // 4)
+    caught, paths, *_ = CAUGHT[name]
+    require_agreement(name, caught, paths, 2 * paths)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_a_long_literal_walk_agrees(name):
-    require_agreement(name, *CAUGHT[name])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "caught"), LONGER.items())
-def test_a_longer_literal_walk_agrees(name, caught):
-    require_agreement(name, caught, MORE)
+    *_, caught, paths, photons = CAUGHT[name]
+    require_agreement(name, caught, int(1e6 * paths), int(1e6 * photons))
