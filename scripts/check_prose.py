@@ -1,9 +1,9 @@
 """Count faults of style in pages, docstrings and messages, and compare them with the ceilings: ``make lint`` runs it.
 
 Faults are private words, figures without a leading zero, sentences of more than 35 words or of more than two figures,
-first words of docstrings, and words of a page above 1200 (README: 800). Code, shapes of arrays, tables, links and
-places in journals do not count, nor many figures in notes. Ceilings stand in ``scripts/prose_ceilings.json`` and may
-only fall; those of the README are 0.
+first words of docstrings, and words of a page above 1200 (README: 800). Code, shapes of arrays, tables, links, titles
+(in italics) and places in journals do not count, nor many figures in notes. Ceilings stand in
+``scripts/prose_ceilings.json`` and may only fall; those of the README are 0.
 
     python scripts/check_prose.py            # table; exit status 1 if a count is above its ceiling
     python scripts/check_prose.py --show README.md [FILE ...]
@@ -41,6 +41,7 @@ _FORMULA = re.compile(r"^\n(?: {4,}.*\n(?:\n(?= {4}))?)+", re.M)
 _MARKS = re.compile(
     r"``.*?``|`[^`]*`|\bdocs/\w+\.md|\$[^$]*\$|!?\[([^\]]*)\]\([^)]*\)|\{[\w:-]+\}"
     r"|\d+(?:\(\d+\))?, \w+ \(\d{4}\)|(?:float|complex|u?int|real|bool)\d*\[[^\]]*\]"
+    r"|(?<![\w*])\*[A-Z][^*]+\*(?![\w*])"
 )
 _FIGURE = re.compile(r"(?<![\w.])[\d.]*\d[\d.]*(?:e-?\d+)?")
 _MESSAGES = ("reject", "_refuse", "warn", "RuleError", "ValueError", "OSError", "Failed")

@@ -34,6 +34,8 @@ def check_prose():
     ("The value is .5 here.", "figure without zero"),
     ("The atlas is a table.", "private word"),
     ("It takes 1 s, 2 s or 3 s.", "many figures"),
+    ("Salmon, *As easy as 1, 2, 3* (SC11).", None),
+    ("It takes **1 s, 2 s or 3 s**.", "many figures"),
     ("A word " * 18 + "is too many.", "long sentence"),
 ])  # fmt: skip
 def test_faults_of_a_page(check_prose, sentence, rule):

@@ -4,12 +4,12 @@ The power of speckle behind a thin medium is that of the object times that of on
 
     S(f) = a |O(f)|^2 T(f; grain) + n^2,
 
-T the autocorrelation of the window, which is 0 from one cycle a grain on, ``n^2`` the camera's white noise (Goodman,
-*Introduction to Fourier Optics*, section 6.3). A grain that is taken for too large has no light where there is some.
-One taken for too small is no contradiction by itself: a smoother object explains the same power. But it leaves the
-object freer, and then the object fits noise. So one half of the camera frame tells the object, brightness of at least 0
-on a frame, for every grain of a grid, and the other half how probable that is (Whittle's likelihood); then the halves
-change places. The least sum is the grain that predicts best. Nothing is known of the object but its extent.
+T the autocorrelation of the window, which is 0 from one cycle a grain on; ``n^2`` the camera's white noise (Goodman,
+*Introduction to Fourier Optics* (2005), section 6.3). A grain that is taken for too large has no light where there is
+some. One taken for too small is no contradiction by itself: a smoother object explains the same power. But it leaves
+the object freer, and then the object fits noise. So one half of the camera frame tells the object, brightness of at
+least 0 on a frame, for every grain of a grid, and the other half how probable that is (Whittle's likelihood); then the
+halves change places. The least sum is the grain that predicts best. Nothing is known of the object but its extent.
 
 What else limits frequencies, defocus, a blur, too little light, passes for a larger grain.
 """

@@ -7,7 +7,7 @@ power of the distance, or in between, sooner or later:
     C_I(d) = 2^(-f(d / range) / f(1)),    f(x) = (1 + (x / bend)^2)^(power / 2) - 1,
 
 a Gaussian function at a power of 2, 2^(-(d / range)^power) at a small bend. Of slabs by paths this form leaves less
-than 0.02 of C_I from an optical depth of 5 on; of the range it leaves 4 % (docs/notes/measured.md). Bend and power are
+than 0.02 of C_I from an optical depth of 5 on; less than 4 % of the range (docs/notes/measured.md). Bend and power are
 the likeliest at each range. The likelihood is a profile, over how much further the scores scatter from tile to tile
 than its curvature says (Chandler and Bate, *Biometrika* 94, 167 (2007)).
 """

@@ -4,7 +4,8 @@ Numbers of every image (:mod:`specklegen.models.calibration.image_statistics`) a
 distance of the two means, in units of the scatter of all images. How large it is by chance is stated by permuting which
 images are the camera frames (Good, *Permutation, Parametric, and Bootstrap Tests of Hypotheses* (2005), chapter 3):
 exact where the setup is given. The smallest of the groups' p-values is judged by the same permutations (Westfall and
-Young, *Resampling-Based Multiple Testing*, chapter 2), so that ``p_value`` is uniform on ``[0, 1]`` if nothing differs.
+Young, *Resampling-Based Multiple Testing* (1993), chapter 2), so that ``p_value`` is uniform on ``[0, 1]`` if nothing
+differs.
 
 Where the setup was fitted to the camera frames, they lie nearer to it than new ones would. Each image's own share in
 the fit is then taken off its numbers (Neyman's C(alpha), in *Probability and Statistics* (1959), 213): to first order

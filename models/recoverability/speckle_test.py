@@ -1,8 +1,8 @@
 """Test that images are speckle of a setup at all: what a periodogram, and with it the likelihood, never looks at.
 
-The intensity behind an object that shines incoherently is a sum of squares of Gaussian fields;
-``I = sum_i w_i |z_i|^2`` with ``w_i > 0`` of sum 1 (Goodman, *Speckle Phenomena in Optics*, section 4.7). Four numbers
-are looked at:
+The intensity behind an object that shines incoherently is a sum of squares of Gaussian fields:
+``I = sum_i w_i |z_i|^2`` with ``w_i > 0`` of sum 1. Source: Goodman, *Speckle Phenomena in Optics* (2007): sections 3.3
+and 4.7. Four numbers are looked at:
 
 - *contrast*: c^2 = sum_i w_i^2, which a reconstruction predicts from its own spectrum; the likelihood fits brightness.
 - *law of intensities*: the skewness is ``2 sum w^3 / c^3``, and by Cauchy and Schwarz ``sum w^3 sum w >= (sum w^2)^2``;

@@ -8,7 +8,7 @@ whose transform falls off so fast (Harris, *Proc. IEEE* 66, 51 (1978)) that no l
 The band is as round as the window. A square one fills all frequencies from two pixels a grain down; a disc leaves the
 corners of their square to noise until grains are smaller than the root of two.
 
-A Gaussian window has no such edge: of the power at f = 0 it passes ``exp(-4 (f grain)^2)``, next to nothing at 1.08
+A Gaussian window has no such edge: of the power at zero frequency it passes ``exp(-4 (f grain)^2)``, 0.009 at 1.08
 cycles a grain. It leaves to noise the frequencies beyond 1.9 cycles a grain, in all directions: the corners of the
 spectrum from 2.8 pixels a grain on. Where nobody says which window it was, power that falls off towards the corners
 tells.

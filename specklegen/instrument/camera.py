@@ -8,8 +8,8 @@ One exposure, in photoelectrons ("electrons") a pixel, I the intensity averaged 
 
 Below saturation a flat field of mean charge m therefore has mean ``m / gain + offset`` counts and variance
 ``m / gain**2 + (read_noise / gain)**2 + 1/12``: the photon transfer curve, whose slope is ``1 / gain``. (1/12 is the
-rounding's, where the noise before it is wider than about half a count.) Source: Janesick, *Photon Transfer* (2007),
-chapter 5; EMVA Standard 1288, section 2.
+rounding's, where the noise before it is wider than about half a count.) Source: Janesick, *Photon Transfer* (2007):
+chapters 2 and 5; EMVA Standard 1288, section 2.
 
 Every number is a quantile: of the law that the pixel's mean says, at a uniform number that is a pure function of
 (noise, pixel), two pixels from one block of Philox. Each noise has a substream of its own, so that switching one on or

@@ -10,7 +10,8 @@ by its error, which the line and the pattern's second moment say: of N pixels th
 ``<2 sigma^4 + m / (2 gain^3)> / N``; ``sigma^2 = m / gain + f`` of each pixel (squares of the differences themselves
 would weigh a level by its noise). Not by bins of a pixel's own mean, and not with bright pixels left out of a frame:
 both choose pixels by their noise, and regress to the mean (gain 0.6 % and read noise 3.5 % too large). Levels with a
-saturated pixel are left out whole. Sources: Janesick, *Photon Transfer* (2007), chapter 5; EMVA Standard 1288.
+saturated pixel are left out whole. Sources: Janesick, *Photon Transfer* (2007), chapter 5; EMVA Standard
+1288: sections 2 and 6.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Every draw is a pure function of an address: a 64-bit key made from (seed, strea
 (dimension, path, sample). No state is kept, so a path is the same whatever thread, block or order
 traced it.
 
-Source: Salmon, Moraes, Dror, Shaw, *Parallel random numbers: as easy as ``1, 2, 3``* (SC11).
+Source: Salmon, Moraes, Dror, Shaw, *Parallel random numbers: as easy as 1, 2, 3* (SC11).
 """
 
 import math

@@ -1,7 +1,7 @@
 """NumPy's SeedSequence and Philox 4x64-10 for many addresses at once: the same words to the bit.
 
 Sources: O'Neill, *Developing a seed_seq alternative* (2015), as NumPy's SeedSequence has it; Salmon, Moraes, Dror,
-Shaw, *Parallel random numbers: as easy as ``1, 2, 3``* (SC11).
+Shaw, *Parallel random numbers: as easy as 1, 2, 3* (SC11).
 """
 
 import numpy as np

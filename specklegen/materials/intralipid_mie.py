@@ -3,11 +3,11 @@
     n(d) proportional to e^(-d / length) up to a largest diameter
 
 That is the form which Michels, Foschum and Kienle, Optics Express 16, 5907 (2008), found for six emulsions. Length and
-largest diameter are fitted here to their mu_s and g of undiluted Intralipid at five wavelengths from 400 to 900 nm; the
-volume of oil and phospholipid being that of the recipe. Their own largest diameter comes out within 0.5 %. Their slopes
-(table 2) do only if multiplied by about 2.15, for each of the six emulsions, so that theirs is not the slope of this
-formula. The mean diameter by number, 0.11 micrometres, is near that of van Staveren et al., Applied Optics
-30, 4507 (1991), who saw 0.097 in an electron microscope.
+largest diameter are fitted here to their mu_s and g of ``Intralipid-20 %`` (their tables 3 and 4). That was at five
+wavelengths from 400 to 900 nm; the volume of oil and phospholipid being that of the recipe. Their own largest diameter
+comes out within 0.5 %. Their slopes (table 2) do only if multiplied by about 2.15, for each of the six emulsions, so
+that theirs is not the slope of this formula. The mean diameter by number, 0.11 micrometres, is near that of van
+Staveren et al., Applied Optics 30, 4507 (1991), who saw 0.097 in an electron microscope.
 """
 
 from specklegen.materials import indices

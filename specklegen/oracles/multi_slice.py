@@ -8,8 +8,8 @@ Nothing here knows of paths, of segments or of their far field: fields of differ
 their correlation is read off. docs/physics.md 10.
 
 Light is never scattered backwards and loses nothing by its slant (no 1 / cos theta), so this judges slabs of
-``L / l* <= 0.2`` only: there its |K| agrees with random walks within 0.02. Layers one behind the other are slabs one
-behind the other.
+``L / l* <= 0.2`` only: there its |K| agrees with random walks within 0.02; within 0.013 where ``L / l* <= 0.1``. Layers
+one behind the other are slabs one behind the other.
 
 Brownian scatterers that have moved for a lag tau leave ``e^(-D q^2 tau) = e^(-x (q/k)^2)`` of the amplitude of a
 screen's component at the transverse wavevector q, ``x = D k^2 tau``; what is lost comes back as another screen's. Over

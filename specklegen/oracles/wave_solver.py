@@ -11,7 +11,7 @@ The addition theorem holds between cylinders that do not overlap.
 
 Conventions (physics.md 1): time e^{-i omega t}; positions and directions are (x, z), angle theta is the direction (sin
 theta, cos theta); the far field u(v) of u_sc -> u(v) e^{ikr} / sqrt(r) has no further factor. Sources: Foldy, *Phys.
-Rev.* 67, 107 (1945); Martin, *Multiple Scattering* (2006).
+Rev.* 67, 107 (1945); Martin, *Multiple Scattering* (2006): sections 2.5 and 4.5.
 """
 
 from dataclasses import dataclass

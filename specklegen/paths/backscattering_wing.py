@@ -11,7 +11,7 @@ largest over this range counts. By symmetry only |i + v| matters. Longer paths l
 scatterings and are compared with an intensity of their own, so the total stays below, save where light is thrown back
 twice; that is added by the share of the phase function behind. Isotropic scatterers: pi/2 / (k l |i + v|) of single
 ones, 1 / (k l |i + v|) in flatland, and the higher orders measured beside Monte Carlo (tests/paths/test_reversal.py);
-that excess is a fifth to all of this bound for anisotropies up to 0.99, backward ones too, and optical depths up to 8.
+that excess is a fifth to all of this bound for anisotropies from -0.9 to 0.99; optical depths from 0.1 to 8.
 """
 
 import numpy as np

@@ -5,8 +5,8 @@ A lens sees the light that leaves a medium within its aperture, direction by dir
     E(x) = (1 / lambda) int over |s| <= NA of P(s) u(s) / cos(theta) e^(ik [s . x + (cos(theta) - 1) (L + f)]) d^2s
 
 of the far field u, for the phases of u belong to z = 0; :mod:`specklegen.instrument.lens` sums it. P is the pupil.
-Goodman, *Introduction to Fourier Optics*, chapters 5 and 6; Zernike polynomials as numbered and normalised by Noll, J.
-Opt. Soc. Am. 66, 207 (1976).
+Goodman, *Introduction to Fourier Optics* (2005): chapters 5 and 6; Zernike polynomials as numbered and normalised by
+Noll, J. Opt. Soc. Am. 66, 207 (1976).
 """
 
 import math

@@ -40,7 +40,7 @@ def philox(key: torch.Tensor, block: torch.Tensor, sample: int = 0) -> list[torc
     """Four words int64[...] of the engine's generator, of blocks int64[...] under keys int64[..., 2].
 
     A product of two 32-bit numbers wraps in two's complement, whose halves are the right ones after masking. Source:
-    Salmon et al., *Parallel random numbers: as easy as ``1, 2, 3``* (SC11).
+    Salmon et al., *Parallel random numbers: as easy as 1, 2, 3* (SC11).
     """
     import torch  # by name: the compiler does not look through what stands for it above
 

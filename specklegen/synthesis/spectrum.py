@@ -16,7 +16,7 @@ mu_n phi_n(s)^2, and its speckle has the memory effect of the paths that pass it
     K_n(q) = E[w gamma_n(s) J0(q r)] / E[w gamma_n(s)]
 
 Long paths come out far away, so late gates have the shorter memory-effect range; one K for all modes would understate
-``|K|^2`` by a quarter at half range behind a forward slab of an optical depth of 10. The gates add up to 1, so the K_n
+``|K|^2`` by a quarter at half range (``OD = 10``, ``g = 0.9``). The gates add up to 1, so the K_n
 to K. What is neglected is the interference of different modes between different tilts: 1 % of |K|^2 at half range.
 """
 
