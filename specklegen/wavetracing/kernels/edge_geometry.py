@@ -31,6 +31,24 @@ class EdgeTable(NamedTuple):
 
 
 @inlined
+def dot(p, q):
+    """Scalar product."""
+    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
+
+
+@inlined
+def moved(p, direction, length):
+    """A point moved along a direction."""
+    return p[0] + length * direction[0], p[1] + length * direction[1], p[2] + length * direction[2]
+
+
+@inlined
+def height(planes, m, p):
+    """Height of a point over plane m of float64[*, 4], unit normal and distance from the origin."""
+    return planes[m, 0] * p[0] + planes[m, 1] * p[1] + planes[m, 2] * p[2] - planes[m, 3]
+
+
+@inlined
 def along(edge, t):
     """The point at t along an edge."""
     return edge[START] + t * edge[ALONG], edge[START + 1] + t * edge[ALONG + 1], edge[START + 2] + t * edge[ALONG + 2]

@@ -5,9 +5,10 @@ stations by mirrors is a straight line from an image of its start. About an edge
 a distance rho and a coordinate z along the edge; the path past one edge turns at the point that divides z as the
 distances do. Past two edges the length is a convex function of both turning points, and has one least value.
 
-Paths past edges are many, and most are weak. Each is first bounded from its geometry alone; then, from the largest
-bound on, sight is asked for and the coefficient computed, until the power of all bounds that are left is below a share
-of the power that was found.
+Paths past edges are many, and most are in the dark: only those parts of edges are tried that both ends may light
+(`specklegen.wavetracing.kernels.shadows`). Of the others most are weak. Each is first bounded from its geometry alone;
+then, from the largest bound on, sight is asked for and the coefficient computed, until the power of all bounds that are
+left is below a share of the power that was found.
 """
 
 import cmath
@@ -31,8 +32,21 @@ from specklegen.wavetracing.kernels.creeping import (
     ways_by,
 )
 from specklegen.wavetracing.kernels.double_edges import Bend, double_diffraction
-from specklegen.wavetracing.kernels.edge_geometry import ALONG, INWARD, LENGTH, NORMAL, WEDGE, along, in_the_air, polar
+from specklegen.wavetracing.kernels.edge_geometry import (
+    ALONG,
+    INWARD,
+    LENGTH,
+    NORMAL,
+    WEDGE,
+    along,
+    dot,
+    height,
+    in_the_air,
+    moved,
+    polar,
+)
 from specklegen.wavetracing.kernels.ray_bvh import NO, nearest
+from specklegen.wavetracing.kernels.shadows import lit_part
 from specklegen.wavetracing.kernels.surfaces import WALL, field_coefficients, field_transmission
 from specklegen.wavetracing.kernels.wedges import boundary_term, geometric_weights
 
@@ -120,8 +134,9 @@ class Views(NamedTuple):
     ----------
     point, seen : float64[3]
         The point; and taken off the surface that it lies on.
-    first, turn, polar : int64[E + 1], int64[*, 1], float64[*, 3]
-        Of each edge: mirrors in turn from the point on, and angle, distance and coordinate of its image by them.
+    first, turn, polar : int64[E + 1], int64[*, 1], float64[*, 5]
+        Of each edge: mirrors in turn from the point on; angle, distance and coordinate of its image by them; and from
+        where to where along the edge light may come, past shadows.
     """
 
     point: np.ndarray
@@ -159,21 +174,6 @@ def _step(p, q):
 
 
 @inlined
-def _dot(p, q):
-    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
-
-
-@inlined
-def _moved(p, direction, length):
-    return p[0] + length * direction[0], p[1] + length * direction[1], p[2] + length * direction[2]
-
-
-@inlined
-def _height(planes, m, p):
-    return planes[m, 0] * p[0] + planes[m, 1] * p[1] + planes[m, 2] * p[2] - planes[m, 3]
-
-
-@inlined
 def _image(a, p, point):
     """Apply mirrors, float64[3, 4], to a point (1) or a direction (0)."""
     return (
@@ -196,8 +196,8 @@ def _planes_of(sides, e):
 @inlined
 def _clipped(planes, m, side, a, b):
     """The part of a segment on a side, 1 or -1, of a plane: whether there is one, and its ends."""
-    g, h = side * _height(planes, m, a), side * _height(planes, m, b)
-    cut = _moved(a, (b[0] - a[0], b[1] - a[1], b[2] - a[2]), g / (g - h) if g != h else 0.0)
+    g, h = side * height(planes, m, a), side * height(planes, m, b)
+    cut = moved(a, (b[0] - a[0], b[1] - a[1], b[2] - a[2]), g / (g - h) if g != h else 0.0)
     return g > 0.0 or h > 0.0, (cut if g < 0.0 else a), (cut if h < 0.0 else b)
 
 
@@ -217,9 +217,9 @@ def _framed(graph, e, m, side, a, b):
     low, high, slack = (math.inf, math.inf, math.inf), (-math.inf, -math.inf, -math.inf), 0.0
     for i in range(4):
         one, two = a if i < 2 else b, p if i % 2 == 0 else q
-        g, h = _height(planes, m, one), _height(planes, m, two)
+        g, h = height(planes, m, one), height(planes, m, two)
         x, y, z, _ = _step(one, two)
-        at = _moved(one, (x, y, z), min(max(g / (g - h), 0.0), 1.0) if g != h else 1.0)
+        at = moved(one, (x, y, z), min(max(g / (g - h), 0.0), 1.0) if g != h else 1.0)
         low = (min(low[0], at[0]), min(low[1], at[1]), min(low[2], at[2]))
         high = (max(high[0], at[0]), max(high[1], at[1]), max(high[2], at[2]))
         slack = max(slack, 1e-9 * (abs(at[0]) + abs(at[1]) + abs(at[2])))
@@ -269,11 +269,11 @@ def raise_points(points, towards, graph, tree, out):
     out[:] = points
     for n in range(points.shape[0]):
         for m in range(graph.planes.shape[0]):
-            if abs(_height(graph.planes, m, points[n])) > 0.02 * graph.raised:
+            if abs(height(graph.planes, m, points[n])) > 0.02 * graph.raised:
                 continue
-            side = 1.0 if _height(graph.planes, m, towards) >= 0.0 else -1.0
+            side = 1.0 if height(graph.planes, m, towards) >= 0.0 else -1.0
             side = side if graph.fronts[m, 1 if side > 0.0 else 0] else -side
-            x, y, z = _moved((0.0, 0.0, 0.0), graph.planes[m], side * graph.raised)
+            x, y, z = moved((0.0, 0.0, 0.0), graph.planes[m], side * graph.raised)
             p = (points[n, 0] + x, points[n, 1] + y, points[n, 2] + z)
             _, place, _ = nearest(p[0], p[1], p[2], -x, -y, -z, 0.0, 2.0, (NO, NO), graph.plane, tree)
             if place >= 0 and graph.plane[place] == m:
@@ -291,11 +291,11 @@ def grown(array, count):
 
 
 @returning
-def views_of(point, seen, graph):
+def views_of(point, seen, graph, tree):
     """`Views` of a point."""
     edges, turns = graph.edges, graph.turns
     first, count = np.empty(edges.shape[0] + 1, np.int64), 0
-    turn, polars = np.empty((64, 1), np.int64), np.empty((64, 3))
+    turn, polars = np.empty((64, 1), np.int64), np.empty((64, 5))
     for e in range(edges.shape[0]):
         first[e] = count
         for q in range(turns.shape[0]):
@@ -308,12 +308,17 @@ def views_of(point, seen, graph):
                 continue
             if turns[q, 0] > 0:
                 away, m = _image(graph.images[q], seen, 1.0), turns[q, turns[q, 0]]
-                side = 1.0 if _height(graph.planes, m, away) > 0.0 else -1.0
+                side = 1.0 if height(graph.planes, m, away) > 0.0 else -1.0
                 if not _framed(graph, e, m, side, away, away):
                     continue
+            low, high = lit_part(seen, e, q, graph, tree)
+            if not low < high:
+                continue
             turn, polars = grown(turn, count), grown(polars, count)
             turn[count, 0] = q
-            polars[count, 0], polars[count, 1], polars[count, 2] = phi, rho, t
+            polars[count, 0], polars[count, 1], polars[count, 2], polars[count, 3], polars[count, 4] = (
+                phi, rho, t, low, high,
+            )  # fmt: skip
             count += 1
     first[edges.shape[0]] = count
     return Views(point, seen, first, turn, polars)
@@ -337,7 +342,7 @@ def _run(start, step, until, target, skip, way, graph, tree):
             return place if abs(near - until) <= _NEAR else -1
         if graph.materials[graph.row[place], 0] != WALL:
             return -1
-        te, tm = field_transmission(graph.materials, graph.row[place], abs(_dot(graph.planes[m], step)) / size)
+        te, tm = field_transmission(graph.materials, graph.row[place], abs(dot(graph.planes[m], step)) / size)
         way.through[0] *= te
         way.through[1] *= tm
 
@@ -352,10 +357,10 @@ def _leg_clear(a, b, low, high, skip, share, way, graph, tree):
     images, planes, clear = way.images, graph.planes, True
     images[low] = a
     for i in range(low, high):
-        images[i + 1] = _moved(images[i], planes[way.met[i]], -2.0 * _height(planes, way.met[i], images[i]))
+        images[i + 1] = moved(images[i], planes[way.met[i]], -2.0 * height(planes, way.met[i], images[i]))
     here, behind = b, (skip[3], skip[4], skip[5])
     for i in range(high - 1, low - 1, -1):
-        m, h, g = way.met[i], _height(planes, way.met[i], here), _height(planes, way.met[i], images[i + 1])
+        m, h, g = way.met[i], height(planes, way.met[i], here), height(planes, way.met[i], images[i + 1])
         if h * g >= 0.0 and (share < 0.0 or h == g):
             return False
         x, y, z, r = _step(here, images[i + 1])
@@ -365,9 +370,9 @@ def _leg_clear(a, b, low, high, skip, share, way, graph, tree):
             if share < 0.0:
                 return False
             clear, place = False, graph.anyone[m]
-        te, tm = field_coefficients(graph.materials, graph.row[place], abs(_dot(planes[m], (x, y, z))) / r)
+        te, tm = field_coefficients(graph.materials, graph.row[place], abs(dot(planes[m], (x, y, z))) / r)
         way.coefficients[i, 0], way.coefficients[i, 1], way.names[i] = te, tm, -1 - graph.mesh[place]
-        here, behind = _moved(here, (x, y, z), t), (m, NO, NO)
+        here, behind = moved(here, (x, y, z), t), (m, NO, NO)
         way.at[i + 1] = here
     x, y, z, r = _step(here, a)
     if r == 0.0:
@@ -444,17 +449,17 @@ def _unfolded(edge, other, w0, u, v, view, image):
     w0, u, v : from the start of the first edge, as the mirrors show it, to that of the second, and their directions
     view, image : (angle, distance, coordinate) of the ends about the edges
     """
-    rho, z, sigma, y, c = view[1], view[2], image[1], image[2], _dot(u, v)
+    rho, z, sigma, y, c = view[1], view[2], image[1], image[2], dot(u, v)
     t, t2, step, step2, last = 0.5 * edge[LENGTH], 0.5 * other[LENGTH], 0.0, 0.0, math.inf
     for n in range(_ROUNDS):
-        w = _moved(_moved(w0, v, t2), u, -t)
-        r, s, b = math.sqrt(rho * rho + (t - z) ** 2), math.sqrt(sigma * sigma + (t2 - y) ** 2), math.sqrt(_dot(w, w))
-        one, two = -_dot(w, u) / b, _dot(w, v) / b
+        w = moved(moved(w0, v, t2), u, -t)
+        r, s, b = math.sqrt(rho * rho + (t - z) ** 2), math.sqrt(sigma * sigma + (t2 - y) ** 2), math.sqrt(dot(w, w))
+        one, two = -dot(w, u) / b, dot(w, v) / b
         if n < _FIRST or last < 0.0:
             # The point on the other edge about this one: distance and coordinate, then where the line between turns.
             t = z + (t - b * one - z) * rho / (rho + b * math.sqrt(max(1.0 - one * one, 0.0)))
-            w = _moved(_moved(w0, v, t2), u, -t)
-            b, along_two = math.sqrt(_dot(w, w)), _dot(w, v)
+            w = moved(moved(w0, v, t2), u, -t)
+            b, along_two = math.sqrt(dot(w, w)), dot(w, v)
             t2 = y + (t2 - along_two - y) * sigma / (sigma + math.sqrt(max(b * b - along_two * along_two, 0.0)))
             last = math.inf
             continue
@@ -489,8 +494,8 @@ def _leg_angles(graph, b, t, t2):
     p, q = along(one, t), along(two, t2)
     x, y, z, s = _step(_image(a, p, 1.0), q)
     # Mirrors are their own transposes inverted: back by the transpose.
-    d = (_dot(a[:, 0], (x, y, z)), _dot(a[:, 1], (x, y, z)), _dot(a[:, 2], (x, y, z)))
-    phi, _, _ = _polar(one, _moved(p, d, 1.0))
+    d = (dot(a[:, 0], (x, y, z)), dot(a[:, 1], (x, y, z)), dot(a[:, 2], (x, y, z)))
+    phi, _, _ = _polar(one, moved(p, d, 1.0))
     psi, _, _ = _polar(two, (q[0] - x, q[1] - y, q[2] - z))
     return s, in_the_air(one, phi, _ALONG), in_the_air(two, psi, _ALONG)
 
@@ -517,6 +522,8 @@ def _tries(views, point, graph, rules):
                 else:
                     t, t2 = _unfolded(one, two, w0, u, v, view, image)
                 if _part_within(t, one[LENGTH]) == 0.0 or _part_within(t2, two[LENGTH]) == 0.0:
+                    continue
+                if not (view[3] <= t <= view[4] and image[3] <= t2 <= image[4]):
                     continue
                 r, s, phi, psi = math.sqrt(view[1] ** 2 + (t - view[2]) ** 2), 0.0, image[0], view[0]
                 z = math.sqrt(image[1] ** 2 + (t2 - image[2]) ** 2)
@@ -620,7 +627,7 @@ def paths_between(views, point, graph, tree, rules, values, met):
                         p = (ways[w, TOUCH + at], ways[w, TOUCH + at + 1], ways[w, TOUCH + at + 2])
                         way.at[node + 1] = p
                         out = (ways[w, OUTWARD + at], ways[w, OUTWARD + at + 1], ways[w, OUTWARD + at + 2])
-                        raised[node - low] = _moved(p, out, graph.raised)
+                        raised[node - low] = moved(p, out, graph.raised)
                     p, q = (
                         (raised[0, 0], raised[0, 1], raised[0, 2]),
                         (raised[mid - low, 0], raised[mid - low, 1], raised[mid - low, 2]),
@@ -699,8 +706,8 @@ def paths_between(views, point, graph, tree, rules, values, met):
                     continue
                 phi, psi = 2.0 * math.pi * (side // 2) if sheet else phi, 2.0 * math.pi * (side % 2) if last else psi
                 up, upper, across, other = _level(one, phi), _level(two, psi), _grows(one, phi), _grows(two, psi)
-                p_up, q_up = _moved(p, across, up * graph.raised), _moved(q, other, upper * graph.raised)
-                cosine = _dot(_image(graph.images[graph.legs[b, 2]], across, 0.0), other)
+                p_up, q_up = moved(p, across, up * graph.raised), moved(q, other, upper * graph.raised)
+                cosine = dot(_image(graph.images[graph.legs[b, 2]], across, 0.0), other)
                 way.through[0], way.through[1] = passed
                 if on_one and on_two and not cosine * up * upper > 0.5:
                     continue
@@ -711,8 +718,8 @@ def paths_between(views, point, graph, tree, rules, values, met):
                     if not clear:
                         way.through[0], way.through[1] = passed
                         shift = 0.01 * graph.raised * (1.0 if aside < 3 else -1.0)
-                        moved = (shift * (aside % 3 == 0), shift * (aside % 3 == 1), shift * (aside % 3 == 2))
-                        one_up, two_up = _moved(p_up, moved, 1.0), _moved(q_up, moved, 1.0)
+                        beside = (shift * (aside % 3 == 0), shift * (aside % 3 == 1), shift * (aside % 3 == 2))
+                        one_up, two_up = moved(p_up, beside, 1.0), moved(q_up, beside, 1.0)
                         clear = _leg_clear(one_up, two_up, low + 1, mid, around, -1.0, way, graph, tree)
                 if not clear:
                     continue
@@ -745,7 +752,7 @@ def paths_between(views, point, graph, tree, rules, values, met):
 @returning
 def paths_to(source, source_seen, point, point_seen, graph, tree, rules):
     """Return the paths from a source to a point: float64[N, VALUES], int32[N, MET], and how many are near an edge."""
-    views, others = views_of(source, source_seen, graph), views_of(point, point_seen, graph)
+    views, others = views_of(source, source_seen, graph, tree), views_of(point, point_seen, graph, tree)
     values, met = np.empty((16, VALUES)), np.empty((16, MET), np.int32)
     count, near, values, met = paths_between(views, others, graph, tree, rules, values, met)
     return values[:count], met[:count], near
@@ -766,27 +773,27 @@ def fields_at(source, source_seen, points, seen, cells, normals, graph, tree, ru
     Powers are means of |u|^2 over the squares. Within its square each path is a plane wave, of the direction and
     amplitude that it has at the point: of two paths the fringes are averaged in closed form.
     """
-    views, near, k = views_of(source, source_seen, graph), 0, rules.k
+    views, near, k = views_of(source, source_seen, graph, tree), 0, rules.k
     values, met = np.empty((64, VALUES)), np.empty((64, MET), np.int32)
     u, v = k * cells[points.shape[0]], k * cells[points.shape[0] + 1]
     whole = u.any()
     for n in range(points.shape[0]):
-        others = views_of(points[n], seen[n], graph)
+        others = views_of(points[n], seen[n], graph, tree)
         count, close, values, met = paths_between(views, others, graph, tree, rules, values, met)
         near += close > 0
         fields[n] = powers[n] = 0.0
         x, y, z, _ = _step(points[n], cells[n])
         for i in range(count):
             d = values[i, ARRIVAL : ARRIVAL + 3]
-            at_x, at_y, phase = _dot(d, u), _dot(d, v), k * _dot(d, (x, y, z))
-            facing = abs(_dot(d, normals[n])) if normals[n].any() else 1.0
+            at_x, at_y, phase = dot(d, u), dot(d, v), k * dot(d, (x, y, z))
+            facing = abs(dot(d, normals[n])) if normals[n].any() else 1.0
             for p in range(2):
                 fields[n, p] += complex(values[i, 2 * p], values[i, 2 * p + 1])
                 powers[n, p] += facing * (values[i, 2 * p] ** 2 + values[i, 2 * p + 1] ** 2)
             for j in range(i if whole else 0):
                 c = values[j, ARRIVAL : ARRIVAL + 3]
-                share = 2.0 * _sinc(at_x - _dot(c, u)) * _sinc(at_y - _dot(c, v))
-                turn = share * cmath.exp(1j * (phase - k * _dot(c, (x, y, z))))
+                share = 2.0 * _sinc(at_x - dot(c, u)) * _sinc(at_y - dot(c, v))
+                turn = share * cmath.exp(1j * (phase - k * dot(c, (x, y, z))))
                 for p in range(0, 4, 2):
                     product = complex(values[i, p], values[i, p + 1]) * complex(values[j, p], -values[j, p + 1])
                     powers[n, p // 2] += (product * turn).real
