@@ -59,8 +59,10 @@ def trace(
     emitter
         A `CollimatedEmitter`, a `PointEmitter` or a `GaussianLaser`.
     planes
-        Receivers. Light passes them; a beam that crosses several, or one twice, counts in each. One that lies on a
-        surface is taken a little off it, on the side of the source: there light counts as it comes and as it leaves.
+        Receivers. Light passes them; a beam that crosses several, or one twice, counts in each. Where a beam meets a
+        matt surface it is sent to each receiver besides, so that small and distant ones are reached (not if mode is
+        "ballistic"). A receiver on a surface is taken a little off it, on the side of the source: there light counts
+        as it comes and as it leaves.
     beams
         How many.
     seed
@@ -75,7 +77,7 @@ def trace(
         beams are as wide as the largest hole; for a plate, where they are as wide as it is; else gaussian. Past other
         edges it is the beam's own field in any case.
     max_events
-        Interactions after which a beam is stopped, and counted as such.
+        Interactions after which a beam is stopped at the next one, and counted as such.
     threads
         Threads, by default all cores that the process may run on; they do not change the result by a bit.
 
@@ -148,7 +150,6 @@ def _result(total: beam_walk.Tally, planes: list[Plane], first_cell, share: floa
     for plane, start in zip(planes, first_cell, strict=False):
         sums = total.sums[start : start + plane.shape[0] * plane.shape[1]].T
         for n, (values, second) in enumerate(zip(sums[::2], sums[1::2], strict=True)):
-            # What one beam brings to a pixel more than once is taken as independent.
             deviation = np.sqrt(np.maximum(second - values * (values / beams), 0.0))
             images[2 * n].append((share / plane.pitch**2 * values).reshape(plane.shape))
             images[2 * n + 1].append((share / plane.pitch**2 * deviation).reshape(plane.shape))

@@ -12,6 +12,7 @@ from specklegen.wavetracing.kernels import beam_state as beam
 from specklegen.wavetracing.kernels.beam_state import axes_about, leave_region
 from specklegen.wavetracing.kernels.cone_bvh import collect_all, unpacked
 from specklegen.wavetracing.kernels.cones import CONE, triangle_in_cone
+from specklegen.wavetracing.kernels.edge_geometry import dot
 from specklegen.wavetracing.kernels.masked_beams import cover, draw_raster, fitted, shares
 from specklegen.wavetracing.kernels.patterns import draw_polygon
 from specklegen.wavetracing.kernels.regions import holds, project, recentre
@@ -63,6 +64,10 @@ class Room(NamedTuple):
         Borders in their plane.
     fine, mask : uint64[FINE, WORDS], float64[GRID, GRID]
         What is open about a beam, `specklegen.wavetracing.kernels.masked_beams`.
+    other : float64[STATE]
+        A beam sent to a receiver.
+    pending, touched : float64[cells, 2], int64[cells + 1]
+        What the beam has brought to cells of receivers, w and w / |cos|; the number of such cells, and which.
     """
 
     state: np.ndarray
@@ -72,29 +77,31 @@ class Room(NamedTuple):
     flat: np.ndarray
     fine: np.ndarray
     mask: np.ndarray
+    other: np.ndarray
+    pending: np.ndarray
+    touched: np.ndarray
+
+
+@inlined
+def send(state, z, least, dx, dy, dz):
+    """Send a beam off from a point of a surface."""
+    leave_region(state, z, least, dx, dy, dz)
+    state[beam.CX], state[beam.CY], state[beam.CZ] = state[beam.PX], state[beam.PY], state[beam.PZ]
+    state[beam.DX], state[beam.DY], state[beam.DZ] = dx, dy, dz
 
 
 @kernel
 def scatter_diffusely(key0, key1, path, counter, state, z, least, nx, ny, nz):
-    """Send the beam off over the hemisphere of the lit side, density cos(theta) / pi; return the counter."""
+    """Send the beam off over the hemisphere about a normal, density cos(theta) / pi; return the counter."""
     u, v, _, _ = uniforms(key0, key1, np.uint64(0), path, counter)
-    if state[beam.DX] * nx + state[beam.DY] * ny + state[beam.DZ] * nz > 0.0:
-        nx, ny, nz = -nx, -ny, -nz
     x, y, w, a, b, c = axes_about(nx, ny, nz)
     r, h = math.sqrt(u), math.sqrt(1.0 - u)
     sine, cosine = sincos_turns(v)
     dx = r * (cosine * x + sine * a) + h * nx
     dy = r * (cosine * y + sine * b) + h * ny
     dz = r * (cosine * w + sine * c) + h * nz
-    leave_region(state, z, least, dx, dy, dz)
-    state[beam.CX], state[beam.CY], state[beam.CZ] = state[beam.PX], state[beam.PY], state[beam.PZ]
-    state[beam.DX], state[beam.DY], state[beam.DZ] = dx, dy, dz
+    send(state, z, least, dx, dy, dz)
     return counter + _ONE
-
-
-@inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
@@ -120,13 +127,13 @@ def footprint(state, half, normal, point):
     a, b, c, d, f, g = axes_about(normal[0], normal[1], normal[2])
     s, t = (a, b, c), (d, f, g)
     # |(x.r, e y.r)|^2 / half^2 of r in the plane, and its principal axes.
-    xs, xt, ys, yt = _dot(x, s), _dot(x, t), _dot(y, s), _dot(y, t)
+    xs, xt, ys, yt = dot(x, s), dot(x, t), dot(y, s), dot(y, t)
     first, mixed, last = xs * xs + ys * ys, xs * xt + ys * yt, xt * xt + yt * yt
     one, two = _turned(s, t, 0.5 * math.atan2(2.0 * mixed, first - last))
-    long = half / math.sqrt(_dot(x, one) ** 2 + _dot(y, one) ** 2)
-    short = half / math.sqrt(_dot(x, two) ** 2 + _dot(y, two) ** 2)
+    long = half / math.sqrt(dot(x, one) ** 2 + dot(y, one) ** 2)
+    short = half / math.sqrt(dot(x, two) ** 2 + dot(y, two) ** 2)
     start = (state[beam.CX], state[beam.CY], state[beam.CZ])
-    depth = (_dot(point, normal) - _dot(start, normal)) / _dot(m, normal)
+    depth = (dot(point, normal) - dot(start, normal)) / dot(m, normal)
     middle = (start[0] + depth * m[0], start[1] + depth * m[1], start[2] + depth * m[2])
     return middle, one, two, long, short
 
@@ -162,7 +169,7 @@ def paint(state, half, z, event, normal, print_, tree, facets, room):
         count += 1
     m = (state[beam.MX], state[beam.MY], state[beam.MZ])
     # r less what of it lies along the mean, until it is in the plane.
-    p, q = _dot(m, one) / _dot(m, normal), _dot(m, two) / _dot(m, normal)
+    p, q = dot(m, one) / dot(m, normal), dot(m, two) / dot(m, normal)
     u = (one[0] - p * normal[0], one[1] - p * normal[1], one[2] - p * normal[2])
     v = (two[0] - q * normal[0], two[1] - q * normal[1], two[2] - q * normal[2])
     flat = np.empty(6)
@@ -173,7 +180,7 @@ def paint(state, half, z, event, normal, print_, tree, facets, room):
             place = places[n]
             for c in range(3):
                 r = corners[place, 3 * c] - o[0], corners[place, 3 * c + 1] - o[1], corners[place, 3 * c + 2] - o[2]
-                flat[2 * c], flat[2 * c + 1] = _dot(r, u) - x, _dot(r, v) - y
+                flat[2 * c], flat[2 * c + 1] = dot(r, u) - x, dot(r, v) - y
             cover(fine, 0 if open_event else 1, long, short, flat[0], flat[1], flat[2], flat[3], flat[4], flat[5])
         if finer == 0:
             right, up, across, along = fitted(fine)
@@ -241,8 +248,8 @@ def diffract(key, path, counter, state, z, event, light, tree, facets, openings,
         n = facets.normals[event.plane]
         if event.uniform or abs(n[0] * m[0] + n[1] * m[1] + n[2] * m[2]) > 1.0 / _STEEPEST:
             normal = (n[0], n[1], n[2])
-    side = _dot(d, normal)
-    through = _dot(d, facets.normals[event.plane]) if event.plane >= 0 else 0.0
+    side = dot(d, normal)
+    through = dot(d, facets.normals[event.plane]) if event.plane >= 0 else 0.0
     edges, area, sizes, chirps, window = 0, 0.0, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
     if event.uniform:
         edges, area, _, one, two = outline(event, facets, openings, room.flat)
@@ -267,11 +274,11 @@ def diffract(key, path, counter, state, z, event, light, tree, facets, openings,
         if steep > _STEEP:
             statistics[_LOCAL] += 1
             r = (point[0] - state[beam.CX], point[1] - state[beam.CY], point[2] - state[beam.CZ])
-            u, v = chirp * _dot(x, r) / light.k, chirp * _dot(y, r) / light.k
+            u, v = chirp * dot(x, r) / light.k, chirp * dot(y, r) / light.k
             mean = (m[0] + u * x[0] + v * y[0], m[1] + u * x[1] + v * y[1], m[2] + u * x[2] + v * y[2])
         else:
             chirps = (
-                chirp * (_dot(x, one) ** 2 + _dot(y, one) ** 2), chirp * (_dot(x, two) ** 2 + _dot(y, two) ** 2),
+                chirp * (dot(x, one) ** 2 + dot(y, one) ** 2), chirp * (dot(x, two) ** 2 + dot(y, two) ** 2),
             )  # fmt: skip
         some, count, window = paint(state, half, z, event, normal, print_, tree, facets, room)
         statistics[_TRIANGLES] += count
@@ -289,12 +296,12 @@ def diffract(key, path, counter, state, z, event, light, tree, facets, openings,
         if not good:
             return counter, False
         u, v = x_ / light.k, y_ / light.k
-        dx, dy, dz, there = _leave(one, two, normal, _dot(mean, one) + u, _dot(mean, two) + v, side)
+        dx, dy, dz, there = _leave(one, two, normal, dot(mean, one) + u, dot(mean, two) + v, side)
         # Along a surface the pattern is taken across the beam: what goes to its other side is drawn again.
-        if there and (event.plane < 0 or _dot((dx, dy, dz), facets.normals[event.plane]) * through > 0.0):
+        if there and (event.plane < 0 or dot((dx, dy, dz), facets.normals[event.plane]) * through > 0.0):
             mx, my, mz = dx, dy, dz
             if event.uniform:
-                mx, my, mz, there = _leave(one, two, normal, _dot(m, one) + u, _dot(m, two) + v, side)
+                mx, my, mz, there = _leave(one, two, normal, dot(m, one) + u, dot(m, two) + v, side)
                 if not there:
                     mx, my, mz = dx, dy, dz
             leave_region(state, z, light.least, mx, my, mz)

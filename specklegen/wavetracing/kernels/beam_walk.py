@@ -10,10 +10,16 @@ Uniform light: u = 1 over all holes that the source sees as one, added to the ra
 to its mean. Both are exact for evenly spread centres, if all beams take the same; so each opening, and each plate, has
 one rule, which asks the source and no beam.
 
+Matt surfaces are connected with the receivers. At each scattering the beam is also sent to a point at random of each
+receiver, as far as nothing stands in its way, no opening and no edge. Crossings of both kinds are weighted by the
+balance heuristic, so that a near or large receiver, which is hit by chance, loses nothing. What a mirror or an opening
+sends on is counted where it happens to go. The beams themselves, and the ledger, do not change.
+
 Modes: WAVE as above. BALLISTIC: the mean ray alone decides; where it hits a facet with an edge in the cone, a point of
 the beam's cross-section decides between matter and opening, where it does not, nothing happens. RAY: plain rays.
 
-Source: S. Steinberg, M. Pharr, *Wave Tracing*, sections on traversal and on Fraunhofer diffraction.
+Source: S. Steinberg, M. Pharr, *Wave Tracing*, sections on traversal, on Fraunhofer diffraction and on connections;
+E. Veach, L. J. Guibas, SIGGRAPH 95, 419 (1995) (balance heuristic).
 """
 
 import math
@@ -24,14 +30,14 @@ import numpy as np
 from specklegen.kernels import inlined, kernel, returning
 from specklegen.kernels.rng import normal_pair, uniforms
 from specklegen.wavetracing.kernels import beam_state as beam
-from specklegen.wavetracing.kernels.beam_events import Event, Light, Room, diffract, scatter_diffusely
+from specklegen.wavetracing.kernels.beam_events import Event, Light, Room, diffract, scatter_diffusely, send
 from specklegen.wavetracing.kernels.beam_sources import KIND, LASER, RADIUS, emit
 from specklegen.wavetracing.kernels.beam_state import leave_region, mirror
 from specklegen.wavetracing.kernels.cone_bvh import collect_all
 from specklegen.wavetracing.kernels.cones import CONE
 from specklegen.wavetracing.kernels.masked_beams import FINE, GRID, WORDS
 from specklegen.wavetracing.kernels.ray_bvh import NO, nearest
-from specklegen.wavetracing.kernels.receivers import crossing
+from specklegen.wavetracing.kernels.receivers import balance, crossing
 from specklegen.wavetracing.kernels.regions import KEPT, borders, holds, hole_in, pass_edge, pass_hole
 from specklegen.wavetracing.kernels.surfaces import ABSORBED, REFLECTED, SCATTERED, TRANSMITTED, outcome
 
@@ -91,22 +97,44 @@ def ray_hit(state, skip, other, facet, tree):
 
 
 @inlined
-def cross_planes(state, reach, receivers, tally):
-    """Count the crossings of receivers on the next ``reach`` of a ray; return how many."""
+def bring(room, cell, weight, steep):
+    """Note what a beam brings to a cell of a receiver."""
+    if room.pending[cell, 0] == 0.0:
+        room.touched[0] += 1
+        room.touched[room.touched[0]] = cell
+    room.pending[cell, 0] += weight
+    room.pending[cell, 1] += weight * steep
+
+
+@inlined
+def settle(room, sums):
+    """Add what a beam has brought to cells, and its squares."""
+    for n in range(1, room.touched[0] + 1):
+        cell = room.touched[n]
+        for c in range(2):
+            value = room.pending[cell, c]
+            sums[cell, 2 * c] += value
+            sums[cell, 2 * c + 1] += value * value
+            room.pending[cell, c] = 0.0
+    room.touched[0] = 0
+
+
+@inlined
+def cross_planes(state, reach, density, receivers, room):
+    """Count the crossings of receivers on the next ``reach`` of a ray; return how many.
+
+    density : of the ray's direction at the matt surface that it leaves; 0 if it leaves another
+    """
     planes = receivers.planes
     found = 0
     for r in range(planes.shape[0]):
-        cell, _, steep = crossing(
+        cell, away, steep = crossing(
             state[beam.PX], state[beam.PY], state[beam.PZ], state[beam.DX], state[beam.DY], state[beam.DZ], reach,
             planes, r,
         )  # fmt: skip
         if cell >= 0:
-            cell += receivers.first_cell[r]
-            sums = tally.sums[cell]
-            sums[0] += 1.0
-            sums[1] += 1.0
-            sums[2] += steep
-            sums[3] += steep * steep
+            weight = balance(density, away, steep, planes, r) if density > 0.0 else 1.0
+            bring(room, receivers.first_cell[r] + cell, weight, steep)
             found += 1
     return found
 
@@ -165,6 +193,67 @@ def edges_near(state, near, far, table, openings, tree, candidates, places):
     return count, places
 
 
+@returning
+def opening_ahead(state, hit, own, skip, kept, facets, openings, table, tree, room, candidates, places):
+    """The hole or edge that a beam comes to before ``hit`` on facet ``own``; see :func:`pass_hole`, :func:`pass_edge`.
+
+    Return its distance, the facet in whose plane it lies, hole, edge, sheets about it and depth; and the workspace.
+    """
+    step, plane, hole = pass_hole(state, hit, skip, facets, openings)
+    rate = state[beam.DX] * state[beam.MX] + state[beam.DY] * state[beam.MY] + state[beam.DZ] * state[beam.MZ]
+    if not (rate > 0.0 and openings.outer.shape[0] > 0):
+        return step, plane, hole, -1, 0, math.inf, places
+    z_ray = depth_of(state)
+    number, places = edges_near(
+        state, z_ray - state[beam.WIDTH], z_ray + step * rate, table, openings, tree, candidates, places
+    )
+    step, edge, other, marks, low = pass_edge(
+        state, step, facets.sheet[own] if own >= 0 else -1, candidates, number, table, facets, tree, room.memory, kept,
+        room.marked
+    )  # fmt: skip
+    if edge < 0:
+        return step, plane, hole, -1, 0, math.inf, places
+    return step, other, -1, edge, marks, low, places
+
+
+@kernel
+def connect(draw, state, z, least, normal, left, scene, receivers, room, candidates):
+    """Send a beam from a matt surface to a point of each receiver, and note what it brings there.
+
+    draw   : two words of the key, path, counter;  normal : of the surface, on the lit side
+    left   : mode, facet that is left, sheets that the beam remembers
+    scene  : tree, facets, openings, edge table
+    """
+    tree, facets, openings, table = scene
+    mode, skip, kept = left
+    planes, other = receivers.planes, room.other
+    places = np.empty(256, np.int64)
+    for r in range(planes.shape[0]):
+        u, v, _, _ = uniforms(draw[0], draw[1], np.uint64(1 + r), draw[2], draw[3])
+        x, y = (u - 0.5) * planes[r, 12] * planes[r, 14], (v - 0.5) * planes[r, 12] * planes[r, 13]
+        dx = planes[r, 0] + x * planes[r, 3] + y * planes[r, 6] - state[beam.PX]
+        dy = planes[r, 1] + x * planes[r, 4] + y * planes[r, 7] - state[beam.PY]
+        dz = planes[r, 2] + x * planes[r, 5] + y * planes[r, 8] - state[beam.PZ]
+        away = math.sqrt(dx * dx + dy * dy + dz * dz)
+        along = abs(dx * planes[r, 9] + dy * planes[r, 10] + dz * planes[r, 11])
+        cosine = dx * normal[0] + dy * normal[1] + dz * normal[2]
+        if not (along > 0.0 and cosine > 0.0):
+            continue
+        other[:] = state
+        send(other, z, least, dx / away, dy / away, dz / away)
+        step, place = ray_hit(other, skip, -1, facets.facet, tree)
+        if mode == WAVE and step >= away:
+            own = int(facets.facet[place]) if place >= 0 else -1
+            step, _, _, _, _, _, places = opening_ahead(
+                other, step, own, skip, kept, facets, openings, table, tree, room, candidates, places
+            )
+        if step >= away:
+            cell = int(v * planes[r, 13]) * int(planes[r, 14]) + int(u * planes[r, 14])
+            steep = away / along
+            weight = balance(cosine / away / math.pi, away, steep, planes, r)
+            bring(room, receivers.first_cell[r] + cell, weight, steep)
+
+
 @inlined
 def leaving_rate(state, normals, f):
     """Cosine of a beam's ray to a facet's normal; 0 without facet."""
@@ -201,7 +290,11 @@ def walk_beams(
         most_edges = max(most_edges, facets.rims[f + 1] - facets.rims[f])
     marked, memory = np.empty(KEPT, np.int64), np.empty(KEPT, np.int64)
     fine, mask = np.empty((FINE, WORDS), np.uint64), np.empty((GRID, GRID))
-    room = Room(np.empty(beam.STATE), np.empty(CONE), marked, memory, np.empty((most_edges, 4)), fine, mask)
+    cells = tally.sums.shape[0]
+    room = Room(
+        np.empty(beam.STATE), np.empty(CONE), marked, memory, np.empty((most_edges, 4)), fine, mask,
+        np.empty(beam.STATE), np.zeros((cells, 2)), np.zeros(cells + 1, np.int64),
+    )  # fmt: skip
     run = np.uint64(key[0]), np.uint64(key[1]), share[0], share[1]
     _walk(run, rules, source, wavelength, tree, facets, openings, table, materials, receivers, tally, room)
 
@@ -225,7 +318,7 @@ def _walk(run, rules, source, wavelength, tree, facets, openings, table, materia
     for n in range(count):
         path = np.uint64(first + n)
         counter = emit(k0, k1, path, source, mode, k, state)
-        events, skip, kept, end, crossed = 0, -1, 0, -1, False
+        events, skip, kept, end, crossed, density = 0, -1, 0, -1, False, 0.0
         while end < 0:
             hit, place = ray_hit(state, skip, -1, facet, tree)
             # Depths along the axis of the ray's start, and what a step of the ray adds.
@@ -235,20 +328,11 @@ def _walk(run, rules, source, wavelength, tree, facets, openings, table, materia
             # An opening: how far, the facet in whose plane, the hole, sheets about it, depths about it.
             step, plane, hole, edge, marks, low, high = hit, -1, -1, -1, 0, math.inf, -math.inf
             if mode == WAVE:
-                step, plane, hole = pass_hole(state, hit, skip, facets, openings)
-                if rate > 0.0 and openings.outer.shape[0] > 0:
-                    number, places = edges_near(
-                        state, z_ray - state[beam.WIDTH], z_ray + step * rate, table, openings, tree, candidates, places
-                    )
-                    step, edge, other, marks, low = pass_edge(
-                        state, step, sheet[own] if own >= 0 else -1, candidates, number, table, facets, tree, memory,
-                        kept, marked
-                    )
-                    if edge < 0:
-                        low = math.inf
-                    else:
-                        plane, hole = other, -1
-                        high = low + 2.0 * (state[beam.WIDTH] + abs(low) * state[beam.SLOPE])
+                step, plane, hole, edge, marks, low, places = opening_ahead(
+                    state, hit, own, skip, kept, facets, openings, table, tree, room, candidates, places
+                )
+                if edge >= 0:
+                    high = low + 2.0 * (state[beam.WIDTH] + abs(low) * state[beam.SLOPE])
             elif mode == BALLISTIC and place >= 0 and borders(state, hit, own, facets):
                 # A ray along the mean through a point of the cross-section: does it pass? A point beyond a wall beside
                 # the ray is no opening, though nothing stands behind it.
@@ -260,7 +344,7 @@ def _walk(run, rules, source, wavelength, tree, facets, openings, table, materia
                     qx, qy, qz, state[beam.MX], state[beam.MY], state[beam.MZ], 0.0, far - depth, (NO, NO), facet, tree,
                 )  # fmt: skip
                 if other < 0 and seen_aside(state, depth - z_ray, qx, qy, qz, skip, normals, facet, tree):
-                    passed = cross_planes(state, depth - z_ray, receivers, tally)
+                    passed = cross_planes(state, depth - z_ray, 0.0, receivers, room)
                     statistics[CROSSINGS] += passed
                     crossed = crossed or passed > 0
                     state[beam.PX], state[beam.PY], state[beam.PZ] = qx, qy, qz
@@ -269,17 +353,17 @@ def _walk(run, rules, source, wavelength, tree, facets, openings, table, materia
                     edge, low, high = 0, depth, far
             open_event = hole >= 0 or edge >= 0
             if not open_event and place < 0:
-                passed = cross_planes(state, math.inf, receivers, tally)
+                passed = cross_planes(state, math.inf, density, receivers, room)
                 statistics[CROSSINGS] += passed
                 end = RECEIVED if crossed or passed > 0 else ESCAPED
                 break
+            passed = cross_planes(state, step, density, receivers, room)
+            statistics[CROSSINGS] += passed
+            crossed = crossed or passed > 0
             if events >= max_events:
                 end = STOPPED
                 break
-            events += 1
-            passed = cross_planes(state, step, receivers, tally)
-            statistics[CROSSINGS] += passed
-            crossed = crossed or passed > 0
+            events, density = events + 1, 0.0
             state[beam.PX] += step * state[beam.DX]
             state[beam.PY] += step * state[beam.DY]
             state[beam.PZ] += step * state[beam.DZ]
@@ -314,7 +398,16 @@ def _walk(run, rules, source, wavelength, tree, facets, openings, table, materia
                     end = ABSORBED_END
                     break
                 if fate == SCATTERED:
+                    if leaving_rate(state, normals, own) > 0.0:
+                        nx, ny, nz = -nx, -ny, -nz
+                    if mode != BALLISTIC:
+                        connect(
+                            (k0, k1, path, counter), state, z, least, (nx, ny, nz), (mode, own, kept),
+                            (tree, facets, openings, table), receivers, room, candidates
+                        )  # fmt: skip
                     counter = scatter_diffusely(k0, k1, path, counter, state, z, least, nx, ny, nz)
+                    if mode != BALLISTIC:
+                        density = abs(leaving_rate(state, normals, own)) / math.pi
                     continue
                 if bordered:
                     marks = 1
@@ -343,4 +436,5 @@ def _walk(run, rules, source, wavelength, tree, facets, openings, table, materia
                 leave_region(state, z, least, state[beam.MX], state[beam.MY], state[beam.MZ])
             if fate == REFLECTED:
                 mirror(state, state[beam.PX], state[beam.PY], state[beam.PZ], nx, ny, nz)
+        settle(room, tally.sums)
         ends[end] += 1

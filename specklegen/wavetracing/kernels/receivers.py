@@ -34,3 +34,12 @@ def crossing(px, py, pz, dx, dy, dz, reach, planes, r):
     if u >= 0.0 and u < planes[r, 14] and v >= 0.0 and v < planes[r, 13]:
         return int(v) * int(planes[r, 14]) + int(u), t, 1.0 / abs(along)
     return -1, t, 0.0
+
+
+@inlined
+def balance(density, away, steep, planes, r):
+    """Weight of light that a matt surface sends to a receiver, by chance or aimed at it: the balance heuristic.
+
+    density : cos / pi, of the direction by chance;  away, steep : distance, and 1 / |cos| at the receiver
+    """
+    return density / (density + away * away * steep / (planes[r, 12] * planes[r, 12] * planes[r, 13] * planes[r, 14]))
