@@ -26,6 +26,7 @@ from specklegen.wavetracing.kernels import beam_walk
 from specklegen.wavetracing.kernels.receivers import RECEIVER, Receivers
 from specklegen.wavetracing.kernels.regions import Facets
 from specklegen.wavetracing.plane import Plane
+from specklegen.wavetracing.smooth_bodies import smooth_parts
 from specklegen.wavetracing.wave_trace import Ledger, Statistics, WaveTrace
 
 Mode = Literal["wave", "ballistic", "ray"]
@@ -85,7 +86,8 @@ def trace(
     -------
     WaveTrace
 
-    A `DoubtWarning` says where edges are shorter than the wavelength, for which Fraunhofer's pattern is no model.
+    A `DoubtWarning` says where edges are shorter than the wavelength, for which Fraunhofer's pattern is no model, and
+    where bodies are smooth, which beams know by their flat facets alone.
 
     Examples
     --------
@@ -106,7 +108,7 @@ def trace(
     sizes = [plane.shape[0] * plane.shape[1] for plane in planes]
     first_cell = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     if mode != "ray":
-        _doubt_short_edges(facets, emitter.wavelength)
+        _doubt_edges(geometry, facets, emitter.wavelength)
     key, materials = stream_key(seed, Stream.BEAMS), _materials(geometry, emitter)
     receivers, table = Receivers(_packed(planes), first_cell), edge_table(geometry, facets)
     source, openings = emitter.packed(), openings_of(facets, table, emitter)
@@ -184,10 +186,17 @@ def _raised(plane: Plane, facets: Facets, geometry: Geometry, emitter: Emitter) 
     return plane.replace(center=plane.center + (1.0 if side >= 0 else -1.0) * 2 * _ON_SURFACE * size * normal)
 
 
-def _doubt_short_edges(facets: Facets, wavelength: float) -> None:
+def _doubt_edges(geometry: Geometry, facets: Facets, wavelength: float) -> None:
+    """Warn of edges and bodies for which beams have no pattern."""
     length = np.linalg.norm(facets.rim_ends[:, 3:] - facets.rim_ends[:, :3], axis=1)
     short = int((length < wavelength).sum())
     if short:
         warn_user(
             f"{short} of {len(length)} edges are shorter than a wavelength: Fraunhofer diffraction is no model of them",
+        )
+    bodies = len(smooth_parts(geometry, 2 * np.pi / wavelength).bodies.starts) - 1
+    if bodies:
+        warn_user(
+            f"trace reflects beams at the flat facets of {bodies} smooth bodies and sends none around them, so that "
+            'their shadows are black: use coherent_rays or coverage(method="wave")',
         )

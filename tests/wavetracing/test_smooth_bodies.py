@@ -1,9 +1,12 @@
 """Smooth meshes reflect and cast shadows as curved bodies: against the exact series of a cylinder and a sphere."""
 
+import warnings
+
 import numpy as np
 import pytest
 from references.round_bodies import cylinder_series, sphere_series
 
+from specklegen.core.errors import DoubtWarning
 from specklegen.wavetracing import (
     Conductor,
     Geometry,
@@ -14,6 +17,7 @@ from specklegen.wavetracing import (
     coherent_paths,
     coherent_rays,
     coverage,
+    trace,
 )
 
 pytestmark = pytest.mark.filterwarnings("ignore::specklegen.core.errors.DoubtWarning")
@@ -160,3 +164,13 @@ def test_kinks_are_no_smooth_bodies():
         name for path in coherent_paths(Geometry([cylinder(16, half=50.0)]), lamp, point, 0, 1) for name, _ in path.met
     }
     assert "smooth" not in met
+
+
+def test_beams_doubt_smooth_bodies_and_rays_do_not():
+    place = Plane(center=[30.0, 0, 0], normal=[1, 0, 0], up=[0, 0, 1], shape=(2, 2), pitch=10.0)
+    scene, lamp = Geometry([cylinder(256, half=30.0)]), PointEmitter([-30.0, 0, 0], 1.0)
+    with pytest.warns(DoubtWarning, match="flat facets of 1 smooth bodies"):
+        trace(scene, lamp, place, 10, 0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        trace(scene, lamp, place, 10, 0, "ray")
