@@ -433,7 +433,9 @@ class SpeckleGenerator:
                 continue
             variance = torch.cat(variances) if len(variances) > 1 else variances[0]
             # In chunks of one size, since transforms are planned anew for every number of samples.
-            for some in self.drawn.put(_chunks(np.concatenate(places, 1), AT_ONCE // 4)).unbind(1):
+            each = 160 * lit.light[0].numel()  # bytes of the transforms of an object, on twice its rows and columns
+            most = max(1, min(AT_ONCE // 4, CHUNK_BYTES // each))
+            for some in self.drawn.put(_chunks(np.concatenate(places, 1), most)).unbind(1):
                 at, own = some.unbind(0)
                 contrasts[at] = speckle_contrast(lit.light[at], variance[own])
         return contrasts

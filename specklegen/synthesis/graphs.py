@@ -70,6 +70,7 @@ class Graphs:
                 self.refused = f"{name}: {error}".splitlines()[0]
                 _LOG.warning("no CUDA graphs from here on: %s", self.refused)
                 self.kept.clear()
+                self._staged.clear()
         if self.refused:
             return function(**inputs)
         captured = self.kept[key]

@@ -1,5 +1,6 @@
 """CUDA graphs where there is no GPU: a stand-in replays the operators that were captured, on the memory they had."""
 
+from functools import partial
 from itertools import chain, count
 
 import numpy as np
@@ -77,6 +78,27 @@ def test_what_cannot_be_captured_is_named_and_runs_as_it_is(function, words, cap
     assert run.report() == f"refused: {words}"
     assert words in caplog.text
     assert not run.kept
+
+
+def test_staged_tables_serve_batches_of_every_length():
+    """Rooms of 64, 128 and 256 rows: lengths between them meet graphs that are there, and no row of a batch before."""
+    cuda = StandIn()
+    run, other = Graphs(CPU, cuda), cuda.Stream(None)
+    picked = lambda tables, places: tables[0]["x"][places[0]] + tables[1]["y"][places[1]]  # noqa: E731
+    for length in (3, 64, 65, 256, 5, 130, 1):
+        tables = [{"x": torch.rand(length, 2)}, {"y": torch.rand(64, 1)}]
+        places = torch.tensor([[0, length // 2, length - 1], [63, 0, 5]])
+        key, staged = run.stage("picked", tables)
+        assert torch.equal(run(key, partial(picked, staged), {"places": places}), picked(tables, places))
+    assert [found.graph.replays for found in run.kept.values()] == [5, 2, 3]
+    tick = cuda.current.work()  # which uses the result
+    with cuda.stream(other):
+        run.stage("picked", tables)
+    assert other.has_waited(cuda.made[0], tick)
+    run("wanting", lambda x: x * x.sum().item(), {"x": torch.ones(3)})
+    assert run.refused
+    assert run.stage("picked", tables) == ("picked", tables)
+    assert not run._staged, "memory is free again"
 
 
 def test_another_stream_waits_for_the_one_before():

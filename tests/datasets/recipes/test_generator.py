@@ -146,6 +146,19 @@ def test_chunks_on_a_device_show_each_object_through_its_own_medium(name, monkey
         assert apart, "power"
 
 
+def test_contrasts_on_a_device_keep_to_the_memory_of_a_chunk(monkeypatch):
+    recipe, sizes, plain = recipe_of("unknown-slab", camera={"shape": [64, 72]}), [], generator_module.speckle_contrast
+    watched = lambda light, variance: sizes.append(len(light)) or plain(light, variance)  # noqa: E731
+    monkeypatch.setattr(generator_module, "speckle_contrast", watched)
+    found = []
+    for room in (2**30, 3 * 160 * 28 * 28):
+        with as_on_devices(monkeypatch), monkeypatch.context() as patch:
+            patch.setattr(generator_module, "CHUNK_BYTES", room)
+            found.append(SpeckleGenerator(recipe, 4)(range(5))["parameters"]["expected_contrast"])
+    assert sizes == [256, 3, 3]
+    torch.testing.assert_close(*found, rtol=1e-12, atol=0)
+
+
 def test_a_device_meets_no_new_shape_in_a_further_batch(monkeypatch):
     """On CUDA every new one is compiled anew: as many samples of a rank as a batch happens to have would never end. All
     operators of unknown-slab, whose ranks and counts of them differ from batch to batch; of ranks that were met."""
