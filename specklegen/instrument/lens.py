@@ -138,15 +138,20 @@ class Points(Lens):
         return self.scene.side * (self.points[:, 2] - self.scene.exit_depth)
 
     def image(self, fields: np.ndarray, *, from_face: bool = False) -> np.ndarray:
-        """Fields complex[T, P] at the points of far fields complex[T, N, N], in their precision."""
+        """Fields complex[T, P] at the points of far fields complex[T, N, N], in their precision.
+
+        Unlike on a plane in focus, the phase along the axis is included: points may lie at several depths.
+        """
         kind, out = fields.dtype, np.empty((len(fields), len(self.points)), fields.dtype)
+        faces = self.scene.medium.faces
         for depth in np.unique(self._depths):
             here = self._depths == depth
             columns, rows = (
                 np.exp(1j * self.scene.wavenumber * np.outer(places, sines)).astype(kind)
                 for places, sines in zip(self.points[here, :2].T, self.grid.sines, strict=True)
             )
-            weights = self.weights(from_face, float(depth)).astype(kind)
+            turn = np.exp(1j * self.scene.wavenumber * faces.outside / faces.inside * depth)
+            weights = (turn * self.weights(from_face, float(depth))).astype(kind)
             for field, seen in zip(fields, out, strict=True):
                 seen[here] = ((rows @ (weights * field)) * columns).sum(axis=1)
         return out

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 import specklegen as sg
 from specklegen.paths.lit_plane import lens_of
-from specklegen.paths.tracer import slab_tracer
+from specklegen.paths.tracer import slab_tracer, volume_tracer
 from specklegen.samplers.path_sums.direct import direct_field
 from tests.refusals import assert_refused
 from tests.zscore import assert_z, refute_z
@@ -16,7 +16,7 @@ from tests.zscore import assert_z, refute_z
 THIN = sg.Slab(thickness=20.0, mean_free_path=10.0, scatterer=sg.media.HenyeyGreenstein(0.7))
 GLASS = THIN.replace(faces=sg.media.Faces(inside=1.4))
 BEAM = sg.light.CollimatedBeams.tilts([0.0, 0.01], width=20.0)
-POINTS = sg.sensors.NearField([[0.0, 0.0, 1e4], [400.0, -300.0, 1e4], [0.0, 600.0, 1.2e4]])
+POINTS = sg.sensors.NearField([[0.0, 0.0, 1e4], [400.0, -300.0, 1e4], [0.0, 600.0, 12000.3]])
 MIDDLE = sg.sensors.NearField([[0.0, 0.0, 1e4], [60.0, -30.0, 1e4], [0.0, 60.0, 1.2e4]])
 
 
@@ -58,7 +58,7 @@ def test_every_connection_arrives_along_its_refracted_ray(index):
                 seen = through.scene.replace(sensor=ray)
                 far_field = direct_field(slab_tracer(seen, False).layout, bank.select([n]), (ones, None))[0, 0]
                 power = np.square(np.abs(far_field)) / (inside * outside * stretch * slope)
-                length = gap / inside - 20 + (way / outside - way) / refracting  # beside the way along the axis
+                length = gap / inside - 20 + way / outside / refracting
                 out[n, m] = np.sqrt(power) * np.exp(2j * np.pi * length)
         return out
 
@@ -72,6 +72,21 @@ def test_every_connection_arrives_along_its_refracted_ray(index):
                      for each in (right, other))  # fmt: skip
     assert np.abs(np.angle(turned)).max() < 0.1
     assert np.abs(np.angle(wrong)).max() > 0.5
+
+
+def test_without_faces_they_are_spherical_waves_of_the_last_particles():
+    """Each connection's fields at three points at two depths, under two tilts, but for one phase of its own."""
+    through = lens_of(scene(THIN))
+    far, near = slab_tracer(through.pupil_scene, False), volume_tracer(scene(THIN), False)
+    bank = far.trace(1, 400, threads=1)
+    bank = bank.select(np.flatnonzero(np.hypot(*bank.exit[:, :2].T) < 15)[:12])
+    ratios = np.empty((12, 2, 3), complex)
+    for n in range(12):
+        one, phase = bank.select([n]), (np.ones(1, complex), None)
+        pupil = direct_field(far.layout, one, phase).reshape(2, *through.grid.shape)
+        ratios[n] = through.image(pupil) / direct_field(near.layout, one, phase).reshape(2, 3)
+    np.testing.assert_allclose(ratios / ratios[:, :1, :1], 1, atol=0.01)
+    np.testing.assert_allclose(np.abs(ratios), 1, atol=0.003)
 
 
 def test_without_a_step_they_see_what_points_see():
