@@ -358,15 +358,17 @@ def _planned_object(scene: Scene, budget: Budget, options: Options) -> Plan:
 
 
 def _backscattering(scene: Scene, budget: Budget) -> str | None:
-    """Say what paths and their reverse keep the stationary sampler from; None where no wave of an object meets a view.
+    """Say why reversed paths keep the stationary sampler from an object; None where they contribute next to nothing.
 
     Both ways of a path interfere about exact backscattering of each wave. Fields at different places of the face are
     then no longer uncorrelated, which that sampler takes them for.
     """
-    if scene.side > 0 or scene.imaged:  # a lens looks along the axis, where its pupil is judged
+    if scene.side > 0:
         return None
     allowed = budget.rel_error if budget.rel_error is not None else STATIONARY_TOLERANCE
     reversal = scene_reversal(scene.replace(illumination=scene.beams), budget.reverse, allowed)
+    if budget.reverse is True:
+        return "has no reversed paths, which reverse=True asks for"
     return f"has no reversed paths, which {reversal.reason}; look aside of the axis" if reversal.needed else None
 
 

@@ -99,6 +99,7 @@ def test_about_backscattering_both_ways_of_a_path_interfere_and_are_summed():
     error = np.hypot(spread, batches.std(axis=0, ddof=1) / 40**0.5)
     refute_z(batches.mean(axis=0)[:2], fast[:2], error[:2], degrees=39, slack=0.1 * fast[:2])
     assert_refused(lambda: sg.plan(scene(0.0), sampler="stationary"), r"has no reversed paths.*look aside of the axis")
+    assert_refused(lambda: sg.plan(scene(0.3), sampler="stationary", reverse=True), "which reverse=True asks for")
     made = sg.plan(scene(0.0), paths=100)
     assert made.sampler == "paths"
     assert any("has no reversed paths" in each.reason for each in made.decisions)
