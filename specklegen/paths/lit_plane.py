@@ -88,27 +88,28 @@ def _wide_open(scene: Scene) -> Scene:
     nearest = float(behind.min(initial=np.inf))
     side = "transmission" if scene.side > 0 else "reflection"
 
-    def radius_and_sine(extent: float) -> tuple[float, float]:
-        radius = extent / np.sqrt(2) + aside  # of a square, its corner
-        return radius, radius / np.hypot(radius, nearest) / index / FLAT
+    def camera(aperture: float) -> Imaging:
+        pitch = scene.wavelength / (8 * aperture)
+        shape = (1, int(np.ceil(2 * aside / pitch)) + 1)
+        return Imaging(shape=shape, pitch=pitch, aperture=aperture, side=side)  # type: ignore[arg-type]
 
     extent = scene.beams.window.support(_FAINT) + scene.thickness
     while True:
-        radius, aperture = radius_and_sine(extent)
+        radius = extent / np.sqrt(2) + aside  # of a square, its corner
+        aperture = radius / np.hypot(radius, nearest) / index / FLAT
         if not nearest > 0 or aperture >= most:
-            steep = FLAT * most * index
+            # Wider apertures see light from farther aside, so no extent in this loop exceeds that of the widest.
+            widest, steep = max(extent, 1.1 * lit_plane(scene.replace(sensor=camera(most))).extent), 0.99 * FLAT * most
+            passing = (widest / np.sqrt(2) + aside) * np.sqrt(1 / (steep * index) ** 2 - 1)
             reject(
-                "NearField.points", f"at least {radius * np.sqrt(1 - steep**2) / steep:.4g} behind the face here",
-                nearest, f"The face is lit over {extent:.4g}, and light comes to nearer points at sines beyond "
+                "NearField.points", f"at least {passing:.4g} behind the face here",
+                nearest, f"The face is lit over {widest:.4g}, and light comes to nearer points at sines beyond "
                 f"{most:.3g} inside. Move the points away, narrow the illuminated area, or use Imaging, whose aperture "
                 "limits the light.",
             )  # fmt: skip
-        pitch = scene.wavelength / (8 * aperture)
-        shape = (1, int(np.ceil(2 * aside / pitch)) + 1)
-        camera = Imaging(shape=shape, pitch=pitch, aperture=aperture, side=side)  # type: ignore[arg-type]
-        found = lit_plane(scene.replace(sensor=camera)).extent
+        found = lit_plane(scene.replace(sensor=camera(aperture))).extent
         if found <= extent:
-            return scene.replace(sensor=camera.replace(focus=float(behind.max())))
+            return scene.replace(sensor=camera(aperture).replace(focus=float(behind.max())))
         extent = 1.1 * found
 
 

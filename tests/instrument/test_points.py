@@ -1,5 +1,6 @@
 """Points behind refracting faces, and far points by the stationary sampler: sums over directions."""
 
+import re
 import warnings
 
 import numpy as np
@@ -116,6 +117,19 @@ def test_without_a_step_they_see_what_points_see():
 ])  # fmt: skip
 def test_refused(message, make):
     assert_refused(make, message)
+
+
+def test_the_distance_that_the_error_names_passes():
+    """And is no more than twice too far."""
+
+    def at(behind):
+        return sg.plan(scene(sensor=sg.sensors.NearField([[0.0, 0.0, 20.0 + behind]])), paths=100)
+
+    with pytest.raises(sg.RuleError) as refused:
+        at(1.0)
+    named = float(re.search(r"at least (\S+) behind", str(refused.value))[1])
+    assert at(named).lens is not None
+    assert_refused(lambda: at(named / 2), "behind the face")
 
 
 LETTER = np.zeros((6, 6), complex)
