@@ -165,7 +165,7 @@ def _leg_part(apex, start, ahead, part, mirrors, e, graph, tree):
 
 @kernel
 def lit_part(point, e, q, graph, tree):
-    """From where to where light from a point may reach an edge by mirrors in turn ``q``; downwards for nowhere."""
+    """Ends of the part of an edge that light from a point may reach by mirrors in turn ``q``; reversed if unlit."""
     edge, turns, planes = graph.edges[e], graph.turns, graph.planes
     apexes, count = np.empty((turns.shape[1], 3)), turns[q, 0]
     apexes[0] = point
