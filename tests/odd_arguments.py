@@ -572,7 +572,6 @@ def waves() -> Iterator[Call]:
          "diffraction": "fraunhofer", "amplitude": "auto", "max_events": 4, "threads": 1},
     )  # fmt: skip
     wedge = {"n": 1.5, "phi": [1.0], "incidence": [0.5], "distance": [10.0], "k": 6.0}
-    yield Call("lossy_wedge_field", wavetracing.lossy_wedge_field, wedge | {"permittivity": 4 + 1j, "boundary": "soft"})
     yield Call("wedge_coefficients", wavetracing.wedge_coefficients, wedge | {"beta": 1.2})
     yield Call("wedge_field", wavetracing.wedge_field, wedge | {"boundary": "soft", "beta": 1.2})
 

@@ -116,7 +116,7 @@ width = 1.5
 SMALL = {"material": {"kernel_paths": 1000}, "camera": {"shape": [32, 32]}}
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")  # a process that gets tests of this file in two parts imports one module, once
 def folder(tmp_path_factory):
     """A folder with a module and a recipe that names it."""
     place = tmp_path_factory.mktemp("own")

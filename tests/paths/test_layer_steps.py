@@ -196,7 +196,7 @@ def test_what_layers_that_refract_do_not_serve_is_refused():
     ask = {"wavelength": 0.01, "paths": 64}
     assert_refused(lambda: UPPER.replace(index=11.0), r"Layer.index must be a refractive index between 0.1 and 10")
     points = sg.NearField([[0.0, 0.0, 9.0]])
-    with pytest.raises(sg.RuleError, match=r"Layers.layers must be of one index, unless"):
+    with pytest.raises(sg.RuleError, match=r"Layers.layers must be of one index, for points and cameras with a lens"):
         sg.Scene(wavelength=0.5, medium=TWO, illumination=light, sensor=points)
     with pytest.raises(sg.RuleError, match="light and view must be along the axis for layers that refract"):
         estimate_oblique_correlation(TWO, AXIS, np.array([0.6, 0.0, 0.8]), 64, 0)
