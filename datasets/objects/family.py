@@ -186,15 +186,18 @@ class ListedFamily(ObjectFamily):
         if not self.dealt:
             return super().labels_of(drawn, numbers)
         positions = self.positions(drawn, numbers)
-        return {name: column[positions] for name, column in self._labels_by_split[drawn.split].items()}
+        return {name: column[positions] for name, column in self._table_of(drawn.split).items()}
+
+    def _table_of(self, split: Split) -> dict[str, np.ndarray]:
+        """Labels of all sources of a split, by name; made when the split is first read, which may open files."""
+        if split not in self._label_tables:
+            rows = [self.labels(source) for source in self.sources_of_split(split)]
+            self._label_tables[split] = {n: np.array([row[n] for row in rows], np.float64) for n in (rows or [{}])[0]}
+        return self._label_tables[split]
 
     @cached_property
-    def _labels_by_split(self) -> dict[Split, dict[str, np.ndarray]]:
-        tables: dict[Split, dict[str, np.ndarray]] = {}
-        for split, sources in self.by_split.items():
-            rows = [self.labels(source) for source in sources]
-            tables[split] = {name: np.array([row[name] for row in rows], np.float64) for name in (rows or [{}])[0]}
-        return tables
+    def _label_tables(self) -> dict[Split, dict[str, np.ndarray]]:
+        return {}
 
     def _enough(self, split: Split) -> tuple[Source, ...]:
         """Sources of a split, of which there is at least one."""

@@ -235,7 +235,8 @@ class Solver:
         frame = self.network.frame
         if solved is None:
             solved = self._solved(seen, likelihood, between, at_lags, first_look(likelihood, at_lags, frame, seed))
-        begun = restarted(likelihood, at_lags, frame, seed) if begun is None else begun
+        if begun is None:  # of two or three draws none begins at an image of phase retrieval
+            begun = restarted(likelihood, at_lags, frame, seed) if count > 3 else solved.image[:, None]
         return posterior(load_prior(), likelihood, between, at_lags, solved.image, begun, count, seed)
 
     def _first(self, first: Tensor, count: int) -> Tensor:

@@ -8,10 +8,12 @@ from collections import Counter
 import numpy as np
 import pytest
 import tifffile
+import torch
 from PIL import Image
 from scipy.stats import chi2
 from skimage.io import imsave
 
+from specklegen.datasets.addresses import Addresses
 from specklegen.datasets.objects import (
     Bars,
     Blobs,
@@ -167,6 +169,21 @@ def test_labels_say_what_an_object_is():
     digits = pytest.importorskip("sklearn.datasets").load_digits()
     assert Digits().labels((17,)) == {"label": float(digits.target[17])}
     assert Photographs().labels((PHOTOGRAPHS[3],)) == Silhouettes().labels((PHOTOGRAPHS[3],)) == {"label": 3.0}
+
+
+def test_labels_of_one_split_are_read_alone(monkeypatch):
+    """Labels of a batch are those of its samples; sources of other splits, which may be files, are not opened."""
+    family, opened = Glyphs(), set()
+    plain = Glyphs.labels
+
+    def watched(self, source):
+        opened.add(source)
+        return plain(self, source)
+
+    monkeypatch.setattr(Glyphs, "labels", watched)
+    found = family.labels_of(Addresses(5, "test", torch.device("cpu")), range(20))
+    assert opened == set(family.sources_of_split("test"))
+    assert found["label"].tolist() == [plain(family, family.source(5, "test", n))["label"] for n in range(20)]
 
 
 def test_a_mixture_shows_what_its_members_show_as_often_as_asked():

@@ -176,6 +176,21 @@ def test_draws_begin_at_the_image_of_many_restarts():
     assert torch.equal(one.draws, other.draws)
 
 
+def test_two_draws_need_no_phase_retrieval(monkeypatch):
+    """One begins at noise, the other at the solver's image; of four draws one begins at phase retrieval's."""
+    seen, solver = seen_on(128), load_solver()
+    solved = solver.solve(*seen)
+
+    def refuse(*_):
+        raise AssertionError("restarted")
+
+    monkeypatch.setattr("specklegen.models.learning.solver.restarted", refuse)
+    few, other = (solver.posterior(*seen, draws=2, solved=solved, first=first) for first in (None, letters(2)[:, None]))
+    assert torch.equal(few.draws, other.draws)
+    with pytest.raises(AssertionError, match="restarted"):
+        solver.posterior(*seen, draws=4, solved=solved)
+
+
 @pytest.mark.parametrize("first", [torch.ones(2, 36, 36), torch.ones(1, 1, 36, 36), torch.zeros(2, 1, 36, 36), "mean"])
 def test_first_images_are_one_for_each_object_and_bright(seen, first):
     assert_refused(lambda: load_solver().posterior(*seen, first=first), "posterior first must be")
