@@ -94,6 +94,17 @@ def _modulator() -> sg.light.CoherentObject:
     return sg.light.CoherentObject(np.exp(1j * np.pi * letter), pitch=40.0, distance=1e4)
 
 
+MOVING = slab().replace(motion=sg.media.Brownian(diffusion=1e-3))
+
+
+def _layer(g: float) -> sg.media.Layer:
+    return sg.media.Layer(thickness=1000.0, mean_free_path=300.0, scatterer=sg.media.HenyeyGreenstein(g=g))
+
+
+def _film(frames: int) -> sg.light.CollimatedBeams:
+    return sg.light.CollimatedBeams.tilts(np.zeros(frames), width=1e5, times=np.arange(float(frames)))
+
+
 Case = tuple[Callable[[], sg.Scene], dict[str, Any]]
 PATHS: dict[str, Any] = {"sampler": "paths"}
 STATIONARY: dict[str, Any] = {"sampler": "stationary", "paths": 100_000}
@@ -164,18 +175,36 @@ CASES: dict[str, Case] = {
         STATIONARY,
     ),
     "film, stationary": (
-        lambda: scene(slab().replace(motion=sg.media.Brownian(diffusion=1e-3)),
-                      sg.light.CollimatedBeams.tilts(np.zeros(8), width=1e5, times=np.arange(8.0)), grid()),
-        STATIONARY,
+        lambda: scene(MOVING, _film(8), grid()), STATIONARY
     ),
     "film, path sums": (
-        lambda: scene(slab().replace(motion=sg.media.Brownian(diffusion=1e-3)),
-                      sg.light.CollimatedBeams.tilts(np.zeros(4), width=1e5, times=np.arange(4.0)), grid(64)),
-        PATHS | {"paths": 50_000},
+        lambda: scene(MOVING, _film(4), grid(64)), PATHS | {"paths": 50_000}
     ),
     "covariance of few": (
         lambda: scene(box(50, 3), sg.light.PlaneWaves.tilts([0, 0.02]), fan(10)), {"paths": 60_000, "sampler":
         "covariance"}
+    ),
+    "one glass, 3 x 128 x 128": (lambda: scene(GLASS, beams(3), grid(128)), {}),
+    "three glasses, 40 x 64 x 64": (
+        lambda: scene(sg.media.ScreenStack(screens=(GLASS,) * 3, gaps=(500.0, 500.0)), beams(40), grid(64)), {}
+    ),
+    "film of 12, path sums": (lambda: scene(MOVING, _film(12), grid()), PATHS | {"paths": 20_000}),
+    "film, direct sum": (lambda: scene(MOVING, _film(3), fan(60)), PATHS | {"paths": 10_000}),
+    "lens, 9 tilts": (
+        lambda: scene(sg.Slab(thickness=100.0, mean_free_path=20.0, scatterer=sg.media.HenyeyGreenstein(g=0.8)),
+                      beams(9, 60.0), _camera(0.1, 2.0)),
+        {"paths": 10_000, "sampler": "paths"},
+    ),
+    "two layers, NUFFT": (
+        lambda: scene(sg.Layers(layers=[_layer(0.5), _layer(0.9)]), beams(3), grid(64)),
+        PATHS | {"paths": 30_000},
+    ),
+    "NUFFT, reflection": (
+        lambda: scene(slab(0.5, 5.0), beams(3), grid(64, side="reflection")),
+        PATHS | {"paths": 50_000, "reverse": False},
+    ),
+    "box, 20 x 300": (
+        lambda: scene(box(60, 3, 4.0), sg.light.PlaneWaves.tilts(np.linspace(0, 0.1, 20)), fan(300)), {"paths": 5000}
     ),
 }  # fmt: skip
 

@@ -7,24 +7,27 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 NANOSECONDS = {
-    "path": 110,  # starting a path through a slab
-    "event": 15,  # a scattering event, tracing of beams through a slab
+    "path": 60,  # starting a path through a slab
+    "event": 11,  # a scattering event, tracing of beams through a slab
     "connection": 370,  # what a connection costs whoever evaluates it: kept, copied, given a phase
     "end": 31,  # one end of a connection at one tilt or view
     "spread": 15,  # spreading one strength, single precision at a tolerance of 1e-3
     "FFT point": 10,  # of the oversampled grid
     "pattern": 9.6,  # a view of one skeleton term
-    "direct view": 7.7,  # a connection at a view, summed directly
-    "direct tilt": 0.4,  # and at a tilt there
+    "moved connection": 250,  # displacements of its particles in a frame of a film, and their phases
+    "direct view": 2,  # a connection at a view, summed directly
+    "direct tilt": 1.3,  # and at a tilt there
     "normal": 7,  # a complex normal number
     "flop": 0.052,  # of the stationary sampler's products and transforms
     "stack view": 7.3,
+    "envelope": 100,  # of a beam behind screens, at a view
+    "lobe": 10,  # a term of that in a table
     "phasor": 35,  # of an oblique correlation
     "object pixel": 1000,  # the modes at a pixel of a hidden object ...
     "object difference": 600,  # ... and the memory effect at a difference of two
     "image": 0.5,  # an operation of its image, by pairs of modes or by bright pixels
-    "volume path": 1300,
-    "volume event": 140,  # a scattering event in any geometry
+    "volume path": 200,
+    "volume event": 120,  # a scattering event in any geometry
     "voxel": 16,  # one that a flight or a connection crosses
     "volume connection": 160,
     "volume end": 10,  # one end of a connection there, at one light or view
@@ -36,7 +39,7 @@ NANOSECONDS = {
 }
 WAVE = 700.0
 """Times the time of a "flop" that a complex exponential in double precision takes, where it is counted among those."""
-SERIAL = {"normal", "flop", "stack view", "phasor", "object pixel", "object difference", "image"}
+SERIAL = {"normal", "flop", "stack view", "envelope", "lobe", "phasor", "object pixel", "object difference", "image"}
 """Operations that any number of threads leaves to one."""
 
 

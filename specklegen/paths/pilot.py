@@ -6,7 +6,6 @@ view factors, samplers) biases no result. No unit of length sways it.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from specklegen.paths.gaussianity import PathMoments, relative_variance
 from specklegen.paths.rare_paths import ENOUGH, rare_paths_decision
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.tracer import Tracer, slab_tracer, volume_tracer
+from specklegen.scene.media import as_slab
 from specklegen.scene.scene import Scene
 
 FEW_PATHS, PILOT_PATHS = 2048, 6144
@@ -126,8 +126,11 @@ class Pilot(PilotNumbers):
     tracer: Tracer
     first: FirstPaths
 
-    event: ClassVar[str] = "event"
-    """Name of the operation that a scattering event of these paths is."""
+    @property
+    def event(self) -> str:
+        """Name of the operation that a scattering event of these paths is."""
+        quick = isinstance(self.tracer, SlabTracer) and as_slab(self.tracer.medium) is not None
+        return "event" if quick else "volume event"
 
     @property
     def bank(self) -> PathBank:

@@ -132,7 +132,8 @@ class Lobes:
         return self.events.sum(axis=1)
 
     @cached_property
-    def _gathered(self) -> tuple[np.ndarray, np.ndarray]:
+    def together(self) -> tuple[np.ndarray, np.ndarray]:
+        """Variances and shares of the terms of about one variance."""
         return gathered(self.variances, self.shares)
 
     def over_grid(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -167,7 +168,7 @@ class Lobes:
         sines = np.asarray(sines, np.float64)
         if not len(self.shares):
             return np.zeros(sines.shape)
-        variance, share = self._gathered
+        variance, share = self.together
         exponent = -0.5 * np.square(sines)[..., None] / variance
         return np.exp(exponent) @ (share / (2 * np.pi * variance))
 

@@ -91,3 +91,30 @@ def test_views_behind_drawn_screens_are_counted():
     assert 0 < light < one
     many = plans[0].chosen.cost().of(10)["flop"]
     assert many == pytest.approx(10 * one - 9 * light)
+
+
+def test_frames_of_a_film_are_counted_one_by_one():
+    """Each has its own points and view factors, and particles that have moved."""
+    medium, times = SLAB.replace(motion=sg.media.Brownian(diffusion=1e-3)), np.arange(4.0)
+    films = [SCENE.replace(medium=medium, illumination=sg.CollimatedBeams.tilts(0 * t, width=3e4, times=t))
+             for t in (times[:2], times)]  # fmt: skip
+    two, four = (sg.plan(film, paths=1000, sampler="paths").operations for film in films)
+    for name in ("end", "spread", "phasor", "moved connection"):
+        assert four[name] == pytest.approx(2 * two[name])
+    assert four["event"] == two["event"]
+
+
+def test_layers_are_walked_at_the_cost_of_any_volume():
+    types = sg.HenyeyGreenstein(0.5), sg.HenyeyGreenstein(0.7)
+    layers = [sg.media.Layer(thickness=500.0, mean_free_path=200.0, scatterer=each) for each in types]
+    made = sg.plan(SCENE.replace(medium=sg.Layers(layers=layers)), paths=1000, sampler="paths")
+    assert made.operations["volume event"] > 1000
+    assert "event" not in made.operations
+
+
+def test_envelopes_behind_screens_are_counted_once():
+    glass = sg.GroundGlass(angle=0.05)
+    stack = sg.media.ScreenStack(screens=(glass, glass), gaps=(1000.0,))
+    cost = sg.plan(SCENE.replace(medium=stack)).chosen.cost()
+    assert cost.first["envelope"] == cost.of(10)["envelope"] == 3 * 600
+    assert cost.first["lobe"] == cost.of(10)["lobe"] > cost.first["envelope"]

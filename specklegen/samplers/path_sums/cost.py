@@ -29,6 +29,8 @@ class Work:
     ----------
     lock_step : bool
         Whether the walk is that of beams through a homogeneous slab.
+    event : str
+        Name of an operation: a scattering event of the tracer.
     nufft : NufftPlan or None
         Without it, the direct sum.
     ways : int
@@ -51,6 +53,7 @@ class Work:
     plain: bool = True
     streamed: bool = False
     one_by_one: bool = False
+    event: str = "event"
 
     @property
     def polarisation(self) -> Polarisation:
@@ -89,6 +92,7 @@ def nufft_operations(nufft: NufftPlan, tilts: int, connections: float, chunks: i
         "spread": float(spreads * tilts * (width / 5) ** 2 * precision),
         "FFT point": nufft.rank * tilts * 4.0 * views * precision,
         "pattern": nufft.rank * np.ceil(tilts / TILTS_AT_ONCE) * views,
+        "phasor": 3 * views,  # of every view from the face, and how far it is off the plane of the grid
     }
 
 
@@ -115,7 +119,7 @@ def least_operations(scene: Scene, pilot: Pilot, paths: int) -> Mapping[str, flo
 def tracing_operations(work: Work) -> dict[str, float]:
     """Operations to trace the paths alone."""
     if work.lock_step:
-        return {"path": work.paths, "event": work.paths * work.events_per_path, "connection": work.connections}
+        return {"path": work.paths, work.event: work.paths * work.events_per_path, "connection": work.connections}
     return {
         "volume path": work.paths,
         "volume event": work.paths * work.events_per_path,
@@ -129,12 +133,18 @@ def operations(work: Work) -> dict[str, float]:
     if work.lock_step:
         if work.streamed and work.connections > CONNECTIONS_KEPT:
             tracing = {name: _pieces(work) * count for name, count in tracing.items()}
-        together, groups = (1, work.lights) if work.one_by_one else (work.lights, 1)
+        moving = work.scene.film
+        together, groups = (1, work.lights) if work.one_by_one or moving else (work.lights, 1)
         if work.nufft:
             summation = nufft_operations(work.nufft, together, work.connections, work.chunks.count)
         else:
-            summation = direct_operations(together, work.connections * work.ways, work.views, work.plain)
+            both = work.connections * work.ways
+            summation = direct_operations(together, both, work.views, work.plain and not moving)
             summation["end"] *= _POLARISED[work.polarisation]
+            if moving:
+                summation["phasor"] = both * work.views
+        if moving:
+            summation["moved connection"] = work.connections * work.ways * (work.nufft.tiles if work.nufft else 1)
         return tracing | {name: groups * count for name, count in summation.items()}
     both = work.connections * work.ways
     light, sensor = work.scene.illumination, work.scene.sensor

@@ -90,6 +90,7 @@ class PathSums(MediaSampler, name="paths"):
             plain=is_plain_slab(pilot.tracer.layout),
             streamed=request.streamed,
             one_by_one=pilot.tracer.layout.middle is not None,
+            event=pilot.event,
         )
         doubt = far_field_decision(scene)
         decisions = [decision, *([doubt] if doubt else []), *(lit_elsewhere(scene, pilot.bank) if scene.film else [])]

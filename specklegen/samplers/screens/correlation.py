@@ -127,10 +127,16 @@ def envelope(
     single = lambda gain: gain.astype(np.complex64)  # noqa: E731 - as the fields that it multiplies
     if not len(terms.shares):
         return Envelope(single(0 * gain), None)
-    even, odd = (profile(terms, sine, terms.of_parity(parity)) / np.sqrt(2) for parity in (0, 1))
-    if len(stack.screens) > 1 or not (np.abs(even - odd) > _CIRCULAR * (even + odd)).any():
+    whole = len(stack.screens) > 1
+    even, odd = (0 if whole else profile(terms, sine, terms.of_parity(parity)) / np.sqrt(2) for parity in (0, 1))
+    if whole or not (np.abs(even - odd) > _CIRCULAR * (even + odd)).any():
         return Envelope(single(gain * profile(terms, sine)), None)
     return Envelope(single(gain * (even + odd)), single(gain * (even - odd)))
+
+
+def tabulated(stack: ScreenStack, wavelength: float) -> int:
+    """Count the terms that are added up for the envelope of a beam: of one screen in two parts as well."""
+    return _NODES * len(lobes(stack, wavelength).together[0]) * (2 if len(stack.screens) == 1 else 1)
 
 
 def profile(terms: Lobes, sines: np.ndarray, part: Lobes | None = None) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from specklegen.core.decision import Decision
-from specklegen.core.nanoseconds import Cost
+from specklegen.core.nanoseconds import WAVE, Cost
 from specklegen.core.parallel import one_torch_thread
 from specklegen.core.random_streams import Seed
 from specklegen.paths.gaussianity import DRAWN, EXACT, Gaussianity
@@ -23,7 +23,7 @@ from specklegen.samplers.sampler import (
     Request,
     Where,
 )
-from specklegen.samplers.screens.correlation import Envelope, drifts, envelope, screen_correlation
+from specklegen.samplers.screens.correlation import Envelope, drifts, envelope, screen_correlation, tabulated
 from specklegen.samplers.screens.drawn import drawn_cost, drawn_memory
 from specklegen.samplers.screens.rule import screens_decision
 from specklegen.scene.scene import Scene
@@ -105,11 +105,15 @@ class Screens(MediaSampler, name="screens"):
             return coherent_cost(self.scene, {}, 1 if len(self.stack.screens) == 1 else None)
         x, y = stack_axes(self._beams, self.drift)
         tilts, views, size = len(self.scene.beams.directions), np.prod(self.scene.sensor.shape), x.count * y.count
-        return Cost({
+        transform = min(matrix_flops(x, y, self._grid.shape), fft_flops(x, y))
+        first = {
             "normal": tilts * size,
-            "flop": tilts * (8.0 * tilts * size + min(matrix_flops(x, y, self._grid.shape), fft_flops(x, y))),
+            "flop": tilts * ((8.0 * tilts + WAVE) * size + transform),
             "stack view": tilts * (3 * views + 4.0 * size),
-        })  # fmt: skip
+            "envelope": tilts * float(views),
+            "lobe": tilts * float(tabulated(self.stack, self.scene.wavelength)),
+        }
+        return Cost(first, {} if self.streamed else {name: first[name] for name in ("envelope", "lobe")})
 
     def memory(self, threads: int) -> int:
         """Bytes by which the process grows at most."""
