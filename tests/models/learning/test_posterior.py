@@ -7,6 +7,7 @@ from refusals import assert_refused
 
 from specklegen.datasets.objects import Glyphs
 from specklegen.models import load_solver
+from specklegen.models.learning import solver as solver_module
 from specklegen.models.learning.feedback import Measured
 from specklegen.models.learning.posterior import (
     SOLVED,
@@ -15,10 +16,11 @@ from specklegen.models.learning.posterior import (
     load_prior,
     posterior,
     read_prior,
+    starts_of,
     surprise,
     weighed,
 )
-from specklegen.models.learning.solver import restarted
+from specklegen.models.learning.solver import Solution, restarted
 from specklegen.models.likelihood.likelihood import Optics, SpeckleLikelihood
 from specklegen.models.likelihood.periodogram import Periodogram, periodogram
 from specklegen.models.metrics import align, pearson
@@ -178,17 +180,17 @@ def test_draws_begin_at_the_image_of_many_restarts():
 
 def test_two_draws_need_no_phase_retrieval(monkeypatch):
     """One begins at noise, the other at the solver's image; of four draws one begins at phase retrieval's."""
-    seen, solver = seen_on(128), load_solver()
-    solved = solver.solve(*seen)
-
-    def refuse(*_):
-        raise AssertionError("restarted")
-
-    monkeypatch.setattr("specklegen.models.learning.solver.restarted", refuse)
-    few, other = (solver.posterior(*seen, draws=2, solved=solved, first=first) for first in (None, letters(2)[:, None]))
-    assert torch.equal(few.draws, other.draws)
-    with pytest.raises(AssertionError, match="restarted"):
-        solver.posterior(*seen, draws=4, solved=solved)
+    seen, solver, none = seen_on(64), load_solver(), torch.zeros(2)
+    solved, begun = Solution(letters(2), letters(2), none, none, none, none, none), torch.ones(2, 1, FRAME, FRAME)
+    monkeypatch.setattr(solver_module, "restarted", lambda *_: begun)
+    monkeypatch.setattr(solver_module, "posterior", lambda *arguments: arguments[5])
+    few, more = (solver.posterior(*seen, draws=count, solved=solved) for count in (3, 4))
+    assert torch.equal(few, solved.image[:, None])
+    assert more is begun
+    measured = measured_of(letters(2))
+    starts = {count: [starts_of(measured, letters(2), x, count)[0] for x in (begun, few)] for count in (3, 4)}
+    assert torch.equal(*starts[3])
+    assert not torch.equal(*starts[4])
 
 
 @pytest.mark.parametrize("first", [torch.ones(2, 36, 36), torch.ones(1, 1, 36, 36), torch.zeros(2, 1, 36, 36), "mean"])
