@@ -15,6 +15,7 @@ from specklegen.core.parallel import run_serial_in_this_process
 PRELOAD = [
     "torch", "numba", "specklegen.datasets.workers", "specklegen.datasets.store.generate",
     "specklegen.datasets.recipes.registry", "specklegen.datasets.recipes.generator",
+    "specklegen.datasets.recipes.materials", "numba.np.arraymath", "numba.np.linalg", "numba.cpython.randomimpl",
 ]  # fmt: skip
 """What every worker of a recipe would import by itself; its only threads are those of OpenBLAS, ended before a fork."""
 
