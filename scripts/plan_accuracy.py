@@ -9,7 +9,8 @@ machine does not pass for a wrong prediction. `--fit` then fits the nanoseconds 
     python scripts/plan_accuracy.py [--only WORD] [--fit] [--json PATH]
     python scripts/plan_accuracy.py --picks                   the sampler that is chosen, against the quickest
 
-`--picks` renders 60 scenes by every sampler within the tolerance, and extrapolates from 1 and 3 realizations to 1000.
+`--picks` renders 60 scenes by every sampler within the tolerance, and extrapolates from 1 and as many realizations
+as take 0.3 s (3 to 100) to 1000.
 """
 
 import os
@@ -276,13 +277,14 @@ def picked(name: str) -> dict[str, Any]:
             continue
         sg.render(this, threads=1, paths=64, sampler=sampler)
         spent = []
-        for count in (1, 3, 1, 3):
+        many = 2 + int(np.clip(0.3 / max(made.seconds - made.setup_seconds, 1e-6), 1, 98))
+        for count in (1, many, 1, many):
             start = time.process_time()
             with estimated_anew(len(spent)):
                 sg.render(this, threads=1, paths=20_000, sampler=sampler, realizations=count, seed=len(spent))
             spent.append(time.process_time() - start)
-        once, thrice = min(spent[::2]), min(spent[1::2])
-        clocks[sampler] = (once, max(thrice - once, 0.0) / 2)
+        once, all_drawn = min(spent[::2]), min(spent[1::2])
+        clocks[sampler] = (once, max(all_drawn - once, 0.0) / (many - 1))
     total = {sampler: [once + (n - 1) * each for n in REALIZATIONS] for sampler, (once, each) in clocks.items()}
     chosen = [sg.plan(this, threads=1, paths=20_000, realizations=n).sampler for n in REALIZATIONS]
     best = [min(total, key=lambda sampler, at=at: total[sampler][at]) for at in range(len(chosen))]

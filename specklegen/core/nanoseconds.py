@@ -14,14 +14,14 @@ NANOSECONDS = {
     "spread": 15,  # spreading one strength, single precision at a tolerance of 1e-3
     "FFT point": 10,  # of the oversampled grid
     "pattern": 9.6,  # a view of one skeleton term
-    "moved connection": 250,  # displacements of its particles in a frame of a film, and their phases
+    "moved connection": 300,  # displacements of its particles in a frame of a film, and their phases
     "direct view": 2,  # a connection at a view, summed directly
     "direct tilt": 1.3,  # and at a tilt there
     "normal": 7,  # a complex normal number
     "flop": 0.052,  # of the stationary sampler's products and transforms
     "stack view": 7.3,
-    "envelope": 100,  # of a beam behind screens, at a view
-    "lobe": 10,  # a term of that in a table
+    "envelope": 115,  # of a beam behind screens, at a view
+    "lobe": 12,  # a term of that in a table
     "phasor": 35,  # of an oblique correlation
     "object pixel": 1000,  # the modes at a pixel of a hidden object ...
     "object difference": 600,  # ... and the memory effect at a difference of two

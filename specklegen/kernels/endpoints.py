@@ -62,11 +62,16 @@ def endpoint_factors(volume, table, records, column, sign, types, side, targets,
     near_field, views, turns = targets
     bounds, cells, extinction = volume.bounds, volume.cells, volume.extinction
     kind = table.kinds[0] if table.kinds.shape[0] == 1 else -1
+    alike = kind < 0 and (table.kinds == HENYEY_3D).all()
+    asymmetry = np.empty(ROOM)
     phased = turns.shape[0] > 0
     state = np.empty(15 * ROOM)
     for first in range(0, records.shape[0], ROOM):
         count = min(ROOM, records.shape[0] - first)
         gather(records, first, count, column, 6, state, 0)
+        if alike:
+            for m in range(count):
+                asymmetry[m] = table.parameters[types[first + m, side], 0]
         for n in range(views.shape[0]):
             px, py, pz = views[n, 0], views[n, 1], views[n, 2]
             for m in range(count):
@@ -81,7 +86,12 @@ def endpoint_factors(volume, table, records, column, sign, types, side, targets,
                 ax, ay, az = (turns[n, 0], turns[n, 1], turns[n, 2]) if phased else (0.0, 0.0, 0.0)
                 towards_direction(px, py, pz, ax, ay, az, state, count)
             attenuate(bounds, cells, extinction, state, count)
-            scattered = scatter(kind, table.parameters[0, 0], table.parameters[0, 1], sign, state, count)
+            if alike:
+                scattered = True
+                for m in range(count):
+                    scatter_one(HENYEY_3D, asymmetry[m], 0.0, sign, state, m)
+            else:
+                scattered = scatter(kind, table.parameters[0, 0], table.parameters[0, 1], sign, state, count)
             if phased:
                 for m in range(count):
                     sine, cosine = sincos_turns(state[TURNS + m])
@@ -165,10 +175,16 @@ def scatter(kind, first, second, sign, state, count):
 def scatter_by(kind, first, second, sign, state, count):
     """Times s of one kind."""
     for m in range(count):
-        wx, wy, wz = state[WX + m], state[WY + m], state[WZ + m]
-        cos = sign * (wx * state[DX + m] + wy * state[DY + m] + wz * state[DZ + m])
-        s = closed_amplitude(kind, first, second, cos)
-        state[MODULUS + m] *= s if wx * wx + wy * wy + wz * wz > 0.0 else 1.0
+        scatter_one(kind, first, second, sign, state, m)
+
+
+@inlined
+def scatter_one(kind, first, second, sign, state, m):
+    """Times s of one kind, for one connection."""
+    wx, wy, wz = state[WX + m], state[WY + m], state[WZ + m]
+    cos = sign * (wx * state[DX + m] + wy * state[DY + m] + wz * state[DZ + m])
+    s = closed_amplitude(kind, first, second, cos)
+    state[MODULUS + m] *= s if wx * wx + wy * wy + wz * wz > 0.0 else 1.0
 
 
 @inlined
