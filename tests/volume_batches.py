@@ -1,5 +1,8 @@
 """Independent batches of the general engine and of the box oracle, and their comparison."""
 
+from functools import partial
+from itertools import pairwise
+
 import numpy as np
 from zscore import assert_z
 
@@ -12,29 +15,42 @@ BATCHES = 64
 
 def engine_batches(scene, paths, *, reverse, seed=1, parts=False):
     """Covariance complex128[64, TV, TV] of ``paths`` paths each; with ``parts`` [64, 2, ...], single and multiple."""
-    tracer = volume_tracer(scene, reverse)
-    found = []
-    for b in range(BATCHES):
-        bank = tracer.trace(seed, paths, first=b * paths, threads=1)
-        once = single_amplitudes(tracer.layout, bank.single)
-        more = multiple_amplitudes(tracer.layout, bank.multiple, bidirectional=tracer.bidirectional, reverse=reverse)
-        found.append([a @ a.conj().T / paths for a in (once, more)])
-    found = np.array(found)
-    return found if parts else found.sum(axis=1)
+    tracer, found = volume_tracer(scene, reverse), []
+    bank = tracer.trace(seed, BATCHES * paths, threads=1)
+    options = {"bidirectional": tracer.bidirectional, "reverse": reverse}
+    multiple = partial(multiple_amplitudes, **options)
+    for some, amplitudes in ((bank.single, single_amplitudes), (bank.multiple, multiple)):
+        found.append(by_batch(some.paths, paths, amplitudes(tracer.layout, some)))
+    return np.stack(found, axis=1) if parts else sum(found)
+
+
+def by_batch(numbers, paths, amplitudes, weights=1.0, count=BATCHES):
+    """Covariances of so many paths each, complex128[count, P, P], of amplitudes [P, n] and the paths they belong to.
+
+    Where both ways of a path stand side by side, [P, 2 n], both count."""
+    ends = np.searchsorted(numbers, paths * np.arange(count + 1))  # connections come in the order of their paths
+    found = np.zeros((count, len(amplitudes), len(amplitudes)), np.complex128)
+    for first in range(0, amplitudes.shape[1], max(1, len(numbers))):
+        some = amplitudes[:, first : first + len(numbers)]
+        weighted, conjugate = some * weights, some.conj()
+        found += [weighted[:, a:b] @ conjugate[:, a:b].T for a, b in pairwise(ends)]
+    return found / paths
 
 
 def oracle_batches(setup, paths, *, reverse, seed=2):
     """Covariance complex128[64, TV, TV] by the literal algorithms."""
-    seeds = np.random.SeedSequence(seed).spawn(BATCHES)
-    return np.array([oracle.covariance(setup, paths, np.random.default_rng(s), reverse=reverse) for s in seeds])
+    return oracle_parts(setup, paths, reverse=reverse, seed=seed).sum(axis=1)
 
 
 def oracle_parts(setup, paths, *, reverse, seed=2):
-    """The same, single and multiple scattering apart: complex128[64, 2, TV, TV]."""
+    """The same, single and multiple scattering apart: complex128[64, 2, TV, TV]; batches walk together."""
     found = np.zeros((BATCHES, 2, setup.pairs, setup.pairs), np.complex128)
-    for batch, words in zip(found, np.random.SeedSequence(seed).spawn(BATCHES), strict=True):
-        for some in oracle.contributions(setup, paths, np.random.default_rng(words), reverse=reverse):
-            batch[int(some.order > 1)] += (some.weight * some.amplitude) @ some.amplitude.conj().T / paths
+    count = min(BATCHES, 2 ** int(np.log2(max(1, 16_384 // paths))))
+    seeds = np.random.SeedSequence(seed).spawn(BATCHES // count)
+    for first, words in zip(range(0, BATCHES, count), seeds, strict=True):
+        for some in oracle.contributions(setup, count * paths, np.random.default_rng(words), reverse=reverse):
+            part = found[first : first + count, int(some.order > 1)]
+            part += by_batch(some.path, paths, some.amplitude, some.weight, count)
     return found
 
 

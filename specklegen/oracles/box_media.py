@@ -112,13 +112,14 @@ def box(
 
 def chord(lower: np.ndarray, upper: np.ndarray, x: np.ndarray, w: np.ndarray, length) -> np.ndarray:
     """Length inside one box of the segment from x along the unit vector w, float64[..., n]."""
-    parallel = w == 0
-    safe = np.where(parallel, 1.0, w)
-    first, second = (lower - x) / safe, (upper - x) / safe
-    near = np.where(parallel, -np.inf, np.minimum(first, second)).max(axis=-1)
-    far = np.where(parallel, np.inf, np.maximum(first, second)).min(axis=-1)
-    missed = (parallel & ((x < lower) | (x > upper))).any(axis=-1)
-    return np.where(missed, 0.0, np.clip(np.minimum(far, length) - np.maximum(near, 0), 0, None))
+    near, far, missed = 0.0, length, False
+    for below, above, start, way in zip(lower, upper, x.T, np.moveaxis(w, -1, 0), strict=True):  # short rows are slow
+        parallel = way == 0
+        first, second = ((side - start) / np.where(parallel, 1.0, way) for side in (below, above))
+        near = np.maximum(near, np.where(parallel, -np.inf, np.minimum(first, second)))
+        far = np.minimum(far, np.where(parallel, np.inf, np.maximum(first, second)))
+        missed = missed | parallel & ((start < below) | (start > above))
+    return np.where(missed, 0.0, np.clip(far - near, 0, None))
 
 
 def subpaths(medium: Medium, region: tuple[np.ndarray, np.ndarray], paths: int, rng: np.random.Generator) -> Iterator:

@@ -7,7 +7,7 @@ import pytest
 from references.electric_field import electric_field
 from references.naive_covariance import naive_covariance
 from references.naive_numba import naive_field
-from volume_batches import oracle_parts
+from volume_batches import by_batch, oracle_parts
 from zscore import assert_z
 
 import specklegen as sg
@@ -59,13 +59,13 @@ def engine_covariances(scene, *, reverse=False, paths=ENGINE_PATHS):
     """C that the engine's paths imply, batch by batch: complex128[64, T * V, T * V]."""
     tracer = slab_tracer(scene, reverse)
     layout, ways = tracer.layout, {"bidirectional": reverse, "reverse": reverse}
-    covariances = []
-    for batch in range(BATCHES):
-        bank = tracer.trace(7, paths, first=batch * paths, threads=1)
-        parts = single_amplitudes(layout, bank.single), multiple_amplitudes(layout, bank.multiple, **ways)
-        a = np.concatenate(parts, axis=-1)
-        covariances.append(a @ a.conj().T / paths)
-    return np.array(covariances)
+    found = []
+    for first in range(0, BATCHES, 8):  # 64 MB at a time
+        bank = tracer.trace(7, 8 * paths, first=first * paths, threads=1)
+        once, more = bank.single, bank.multiple
+        parts = ((once, single_amplitudes(layout, once)), (more, multiple_amplitudes(layout, more, **ways)))
+        found.append(sum(by_batch(some.paths - first * paths, paths, a, count=8) for some, a in parts))
+    return np.concatenate(found)
 
 
 def field_covariances(fields):
