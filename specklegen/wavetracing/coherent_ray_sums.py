@@ -57,6 +57,22 @@ class PathSearch:
         self.name, self.source, self.tree = name, source, geometry.tree
         self.graph = graph_of(geometry, source.wavelength, surfaces, reflections, diffractions)
         self.rules = edge_paths.Rules(reflections, diffractions, 2 * np.pi / source.wavelength, 10 ** (-floor / 10))
+        if reflections + diffractions > 1:
+            self._doubt_bodies(geometry)
+
+    def _doubt_bodies(self, geometry: Geometry) -> None:
+        """Warn of smooth bodies beside one another, or beside edges of other solids and sheets."""
+        bodies = self.graph.bodies
+        solid = geometry.solids.solid[bodies.places[bodies.starts[:-1, 2]]]
+        place = np.argsort(geometry.order)
+        faces = geometry.edges.faces[self.graph.numbers, 0]
+        sharp = int((~np.isin(geometry.solids.solid[place[faces]], solid)).sum())
+        if len(solid) > 1 or (len(solid) and sharp):
+            warn_user(
+                f"{self.name}: {len(solid)} smooth bodies stand beside one another or beside {sharp} sharp edges, and "
+                "waves that meet two of these are missing: believe points that one of them shadows or lights, and use "
+                "a wave solver where shadows or reflections of two overlap",
+            )
 
     def seen(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the source and points float64[P, 3], each taken off the face that it lies on."""
@@ -162,7 +178,8 @@ def coherent_rays(
         For arguments out of range; points nearer to the source than 1 / k.
 
     A `DoubtWarning` says where edges are shorter than the Fresnel zone of the nearest point: corners matter there, from
-    which there are no rays; and where paths pass an edge within 1 / k of the source or a point.
+    which there are no rays; where paths pass an edge within 1 / k of the source or a point; and where waves are missing
+    that meet two smooth bodies, or a smooth body and an edge of another.
 
     Examples
     --------

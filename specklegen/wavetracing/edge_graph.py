@@ -37,8 +37,7 @@ def graph_of(scene: Geometry, wavelength: float, surfaces: Surfaces, reflections
     low, high = np.full((len(facets.normals), 3), np.inf), np.full((len(facets.normals), 3), -np.inf)
     np.minimum.at(low, facets.facet, corners.reshape(-1, 3, 3).min(axis=1))
     np.maximum.at(high, facets.facet, corners.reshape(-1, 3, 3).max(axis=1))
-    place = np.empty(len(scene), np.int64)
-    place[scene.order] = np.arange(len(scene))
+    place = np.argsort(scene.order)
     smooth = smooth_parts(scene, 2 * np.pi / wavelength)
     numbers = (
         np.setdiff1d(np.arange(len(scene.edges)), scene.edges.at[smooth.sides]) if diffractions else np.zeros(0, int)

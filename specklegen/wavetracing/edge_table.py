@@ -14,8 +14,7 @@ def edge_table(scene: Geometry, facets: Facets) -> EdgeTable:
     length = np.linalg.norm(stop - start, axis=1)
     along = np.divide(stop - start, length[:, None], out=np.zeros_like(start), where=length[:, None] > 0)
     face, other = edges.faces.T
-    place = np.empty(len(scene), np.int64)
-    place[scene.order] = np.arange(len(scene))
+    place = np.argsort(scene.order)
     both = np.stack([face, np.where(other < 0, face, other)], axis=1)
     return EdgeTable(
         at=edges.at.reshape(-1, 3)[scene.order],

@@ -35,8 +35,7 @@ class SmoothParts(NamedTuple):
 
 def smooth_parts(scene: Geometry, k: float) -> SmoothParts:
     """Find the smooth bodies of a scene at a wavenumber."""
-    topology, solid, faces = scene.topology, np.empty(len(scene), np.int64), scene.faces
-    solid[scene.order] = scene.solids.solid
+    topology, solid, faces = scene.topology, scene.solids.solid[np.argsort(scene.order)], scene.faces
     corners = scene.vertices[faces]
     side = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(side, axis=2)
@@ -92,8 +91,7 @@ def _averaged(form: np.ndarray, corner: np.ndarray, area: np.ndarray, curved: np
 
 def _laid_out(scene, solid, turn, smooth, form, normal) -> Bodies:
     """Arrays of all solids with smooth sides."""
-    place = np.empty(len(scene), np.int64)
-    place[scene.order] = np.arange(len(scene))
+    place = np.argsort(scene.order)
     neighbour = scene.topology.neighbour.reshape(-1, 3)
     starts, balls, rows = [np.zeros(3, np.int64)], [], []
     for body in np.unique(solid[smooth.any(axis=1)]):

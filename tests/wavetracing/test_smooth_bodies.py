@@ -174,3 +174,48 @@ def test_beams_doubt_smooth_bodies_and_rays_do_not():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         trace(scene, lamp, place, 10, 0, "ray")
+
+
+def plate(at):
+    corners = [[at, -20, -20], [at, 20, -20], [at, 20, 20], [at, -20, 20]]
+    return Mesh(corners, [[0, 1, 2], [0, 2, 3]], Conductor())
+
+
+@pytest.mark.parametrize("verb", ["coherent_rays", "coherent_paths", "coverage", "trace"])
+@pytest.mark.parametrize(("other", "message"), [("cylinder", "2 smooth bodies stand"), ("plate", "4 sharp edges"),
+                                                (None, None)])  # fmt: skip
+def test_smooth_bodies_beside_others_are_doubted(verb, other, message):
+    """Waves by two bodies, or by a body and an edge of another, are missing; a body alone has no such warning."""
+    body = cylinder(64, half=30.0)
+    aside = {"cylinder": Mesh(body.vertices + [0, 40, 0], body.faces, Conductor()), "plate": plate(30.0), None: None}
+    scene = Geometry([mesh for mesh in (body, aside[other]) if mesh is not None])
+    lamp, point = PointEmitter([-60.0, 3, 0], 1.0), np.array([80.0, 1, 2])
+    plane = Plane(center=point, normal=[1, 0, 0], up=[0, 0, 1], shape=(1, 1), pitch=1.0)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        if verb == "coverage":
+            coverage(scene, Transmitter(lamp.position), plane, 299792458.0, reflections=1, diffractions=1)
+        elif verb == "trace":
+            trace(scene, lamp, plane, 10, 0)
+        else:
+            {"coherent_rays": coherent_rays, "coherent_paths": coherent_paths}[verb](scene, lamp, point, 1, 1)
+    said = " ".join(str(each.message) for each in caught)
+    if verb == "trace":  # any smooth body is doubted
+        assert f"flat facets of {1 + (other == 'cylinder')} smooth bodies" in said
+        assert "use coherent_rays" in said
+    elif message is None:
+        assert "smooth bodies" not in said
+    else:
+        assert message in said
+        assert f"{verb}: " in said
+
+
+def test_one_meeting_on_a_path_misses_nothing():
+    """Paths by one body or one edge at most are all there: no warning of two smooth bodies."""
+    body = cylinder(64, half=30.0)
+    scene = Geometry([body, Mesh(body.vertices + [0, 40, 0], body.faces, Conductor()), plate(30.0)])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for limits in ((1, 0), (0, 1)):
+            coherent_rays(scene, PointEmitter([-60.0, 3, 0], 1.0), [[80.0, 1, 2]], *limits)
+    assert "smooth bodies stand" not in " ".join(str(each.message) for each in caught)
