@@ -99,6 +99,7 @@ def setup(tmp_path_factory) -> Path:
     (folder / "my-images").mkdir()
     for n in range(10):
         Image.fromarray(np.full((20, 20 + n), 20 * n + 9, np.uint8)).save(folder / "my-images" / f"{n}.png")
+    Image.fromarray(np.full((8, 8), 200, np.uint8)).save(folder / "mask.png")
     for block in blocks():
         if module_of(block):
             (folder / f"{module_of(block)}.py").write_text(block.text)

@@ -29,6 +29,15 @@ def read_grey(path: Path) -> np.ndarray:
     return _grey(_READERS[path.suffix.lower()](path))
 
 
+def read_shares(path: Path) -> np.ndarray:
+    """Read a grey picture as shares of full scale, float64[h, w]: whole numbers over the largest of their type.
+
+    Errors are those of :func:`read_grey`.
+    """
+    data = _READERS[path.suffix.lower()](path)
+    return _grey(data).astype(np.float64) / (np.iinfo(data.dtype).max if data.dtype.kind in "ui" else 1)
+
+
 def _read_common(path: Path) -> np.ndarray:
     from PIL import Image, ImageOps
 

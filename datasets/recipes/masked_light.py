@@ -1,4 +1,4 @@
-"""Recipe kind "masked-light": speckle of coherent light through a mask, of slits or a star, in front of a slab.
+"""Recipe kind "masked-light": speckle of coherent light through a mask, of slits, a star or grey, in front of a slab.
 
 Light that passes an opening of the square window of side W is a Fourier series of beams,
 
@@ -18,8 +18,9 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from specklegen.core.errors import reject
 from specklegen.core.lazy import torch
 from specklegen.core.units import LENGTH, RADIAN
-from specklegen.core.values import NonNegative, Positive, PositiveInt, Value
+from specklegen.core.values import IDENTITY, NonNegative, Positive, PositiveInt, Value
 from specklegen.datasets.distributions import Choice, Draw, drawn, ends, require_above
+from specklegen.datasets.recipes.grey_mask import GreyMask
 from specklegen.datasets.recipes.media import DrawnMedia, MediumView
 from specklegen.datasets.recipes.partially_coherent import lattice_media
 from specklegen.datasets.recipes.parts.light import Lit
@@ -35,7 +36,26 @@ if TYPE_CHECKING:
     from specklegen.datasets.recipes.materials import Materials
 
 
-class Slits(Value):
+class Outlined(Value):
+    """A mask that is open inside of loops, and dark outside."""
+
+    def loops(self, numbers: Mapping[str, float]) -> list[np.ndarray]:
+        """Corners float64[n, 2] of each opening, counter-clockwise, in sides of the window about its middle."""
+        raise NotImplementedError
+
+    def waves(self, numbers: Mapping[str, float], order: np.ndarray, waist: float | None) -> tuple[np.ndarray, float]:
+        """See :meth:`GreyMask.waves`."""
+        return loop_waves(self.loops(numbers), order, waist)
+
+    def picture(self, numbers: Mapping[str, float], pixels: int) -> np.ndarray:
+        """Open share of each pixel of the window, float32[pixels, pixels]."""
+        loops = self.loops(numbers)
+        edges, covered = [np.hstack([loop, np.roll(loop, -1, axis=0)]) for loop in loops], np.empty((pixels, pixels))
+        fill_coverage((np.concatenate(edges) + 0.5) * pixels, covered)
+        return covered.astype(np.float32)
+
+
+class Slits(Outlined):
     """Parallel slits about the middle of the window; all numbers may vary from sample to sample.
 
     Parameters
@@ -84,7 +104,7 @@ class Slits(Value):
         return numbers["slit_count"] * numbers["slit_width"] * numbers["slit_length"]
 
 
-class Star(Value):
+class Star(Outlined):
     """One star about the middle of the window; all numbers may vary from sample to sample.
 
     Parameters
@@ -144,21 +164,38 @@ def slit_loops(numbers: Mapping[str, float]) -> list[np.ndarray]:
     return [(corner + [x, 0]) @ turned for x in middles]
 
 
+def loop_waves(loops: list[np.ndarray], order: np.ndarray, waist: float | None) -> tuple[np.ndarray, float]:
+    """Transform complex128[n, n] of light in loops, and the power that passes; see :meth:`GreyMask.waves`."""
+    from specklegen.wavetracing import aperture_transform
+    from specklegen.wavetracing.angular_spectrum import quadrature
+    from specklegen.wavetracing.opening import rim_of
+
+    rim = rim_of("MaskedLight.mask", loops)
+    if waist is None:
+        return aperture_transform(rim, 2 * np.pi * np.stack(np.meshgrid(order, order), axis=-1)), rim.area
+    points, weights = quadrature(rim.triangles, min(1 / len(order), waist))
+    beam = np.exp(-np.square(points / waist).sum(axis=1))
+    x, y = np.exp(-2j * np.pi * order[None, :, None] * points.T[:, None])
+    return (y * (weights * beam)) @ x.T, float(weights @ beam**2)
+
+
 def _kind_of_mask(given: Any) -> str:
-    """Which mask a table stands for: a star has points."""
-    return "star" if isinstance(given, Star) or (isinstance(given, Mapping) and "points" in given) else "slits"
+    """Return which mask a table stands for: a grey one names its transmission, a star has points."""
+    if isinstance(given, Mapping):
+        return "grey" if given.keys() & {"path", "values", "transmission"} else "star" if "points" in given else "slits"
+    return "grey" if isinstance(given, GreyMask) else "star" if isinstance(given, Star) else "slits"
 
 
 class MaskedLight(Recipe):
     """Camera images of the speckle of coherent light through a mask, mean 1 over their expected intensity.
 
-    Samples: ``image`` float32[H, W] (or uint16 counts), ``mask`` float32[h, w], the open share of each pixel of the
-    window, rows y and columns x from the smallest.
+    Samples: ``image`` float32[H, W] (or uint16 counts), ``mask`` float32[h, w], the share of the intensity that each
+    pixel of the window lets through, rows y and columns x from the smallest.
 
     Parameters
     ----------
     mask
-        `Slits`, or a `Star`.
+        `Slits`, a `Star`, or a `GreyMask` of a picture or an array.
     distance
         From the mask to the slab, in its medium.
     waist
@@ -172,7 +209,8 @@ class MaskedLight(Recipe):
 
     kind: Literal["masked-light"] = "masked-light"
     mask: Annotated[
-        Annotated[Slits, Tag("slits")] | Annotated[Star, Tag("star")], Discriminator(_kind_of_mask)
+        Annotated[Slits, Tag("slits")] | Annotated[Star, Tag("star")] | Annotated[GreyMask, Tag("grey")],
+        Discriminator(_kind_of_mask),
     ]  # fmt: skip
     distance: Annotated[NonNegative, LENGTH] = 0.0
     waist: Annotated[Positive, LENGTH] | None = None
@@ -196,6 +234,11 @@ class MaskedLight(Recipe):
         if not (self.beams - 1) / np.sqrt(2) * self.step < self._k:
             reject("MaskedLight.beams", "few enough that their sines are below 1", self.beams, "Widen the window.")
         return self
+
+    def physics(self, context: dict[str, bool] | None = IDENTITY) -> dict[str, Any]:
+        """Everything that decides a pixel; the picture of a grey mask counts by its content, not by its path."""
+        decided = super().physics(context)
+        return decided | {"mask": self.mask.identity(context)} if isinstance(self.mask, GreyMask) else decided
 
     @property
     def _k(self) -> float:
@@ -242,27 +285,21 @@ class MaskedLight(Recipe):
 
         ``loops`` in sides of the window, as of :func:`slit_loops`.
         """
-        return self._through(loops)[0]
+        return self._behind(loop_waves(loops, *self._lattice)[0])
 
-    def _through(self, loops: list[np.ndarray]) -> tuple[np.ndarray, float]:
-        """Amplitudes on the slab, and the power that passes the mask, over that of even light on the window."""
-        from specklegen.wavetracing import aperture_transform
-        from specklegen.wavetracing.angular_spectrum import quadrature
-        from specklegen.wavetracing.opening import rim_of
-
-        order, rim = np.arange(self.beams) - (self.beams - 1) // 2, rim_of("MaskedLight.mask", loops)
+    def _behind(self, waves: np.ndarray) -> np.ndarray:
+        """Amplitudes on the slab, of those on the mask."""
+        order, _ = self._lattice
         xi = 2 * np.pi * np.stack(np.meshgrid(order, order), axis=-1)  # over the window's side
         along = np.sqrt(self._k**2 - np.square(xi).sum(axis=-1) / self.geometry.width**2)
-        if self.waist is None:
-            waves, passed = aperture_transform(rim, xi), rim.area
-        else:
-            size = self.waist / self.geometry.width
-            points, weights = quadrature(rim.triangles, min(1 / self.beams, size))
-            beam = np.exp(-np.square(points / size).sum(axis=1))
-            x, y = np.exp(-2j * np.pi * order[None, :, None] * points.T[:, None])
-            waves, passed = (y * (weights * beam)) @ x.T, float(weights @ beam**2)
         # The phase of the beam along the axis is that of all, and is left out.
-        return waves * np.exp(1j * self.distance * (along - self._k)), passed
+        return waves * np.exp(1j * self.distance * (along - self._k))
+
+    @property
+    def _lattice(self) -> tuple[np.ndarray, float | None]:
+        """Periods of the beams across the window, float[beams], and the laser's waist over its width."""
+        waist = None if self.waist is None else self.waist / self.geometry.width
+        return np.arange(self.beams) - (self.beams - 1) // 2, waist
 
     def host_work(self) -> list[str]:
         """Parts made on the host, masks among it."""
@@ -272,25 +309,18 @@ class MaskedLight(Recipe):
         """Waves through masks, their pictures, and what was drawn of them."""
         streams = (generator(substream(drawn.seed, drawn.split, Purpose.OBJECT, n)) for n in numbers)
         masks = [self.mask.drawn(rng) for rng in streams]
-        loops = [self.mask.loops(numbers) for numbers in masks]
-        waves, passed = map(np.stack, zip(*(self._through(each) for each in loops), strict=True))
+        waves, passed = map(np.stack, zip(*(self.mask.waves(each, *self._lattice) for each in masks), strict=True))
+        waves = self._behind(waves)
         put = lambda rows: torch.from_numpy(np.asarray(rows)).to(drawn.device)  # noqa: E731
         area = np.array([self.mask.area(each) for each in masks])
         parameters = {name: put([each[name] for each in masks]) for name in masks[0]}
         passed = area if self.waist is None else passed
         carried = np.array([float(np.square(np.abs(own)).sum()) for own in waves]) / passed
         parameters |= {"open_share": put(area), "carried_share": put(carried)}
-        pictures = np.stack([_picture(each, self.pixels) for each in loops])
+        pictures = np.stack([self.mask.picture(each, self.pixels) for each in masks])
         return Lit(put(waves), self.step, parameters, {"mask": put(pictures)})
 
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
         """One image."""
         return {"image": images[:, 0]}
 
-
-def _picture(loops: list[np.ndarray], pixels: int) -> np.ndarray:
-    """Open share of each pixel of the window, float32[pixels, pixels]."""
-    ends_ = [np.hstack([loop, np.roll(loop, -1, axis=0)]) for loop in loops]
-    covered = np.empty((pixels, pixels))
-    fill_coverage((np.concatenate(ends_) + 0.5) * pixels, covered)
-    return covered.astype(np.float32)

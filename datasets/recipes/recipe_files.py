@@ -131,12 +131,11 @@ def _parsed(source: str) -> dict[str, Any]:
         reject("recipe", "the name of a packaged recipe, or the path of a TOML file", _relative(file), remedy)
     table = anchored(toml_table(read_text(file, "recipe"), f"recipe {source}"), file.parent)
     objects = table.get("objects")
-    if isinstance(objects, dict):
-        members = objects.get("families")
-        for each in [objects, *(members if isinstance(members, list) else [])]:
-            for name in ("path", "scene") if isinstance(each, dict) else ():
-                if isinstance(each.get(name), str):
-                    each[name] = str(file.parent / Path(each[name]).expanduser())
+    members = objects.get("families") if isinstance(objects, dict) else None
+    for each in [objects, table.get("mask"), *(members if isinstance(members, list) else [])]:
+        for name in ("path", "scene") if isinstance(each, dict) else ():
+            if isinstance(each.get(name), str):
+                each[name] = str(file.parent / Path(each[name]).expanduser())
     return table
 
 
@@ -157,8 +156,8 @@ def changed(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
     A ``[lab]`` takes the place of the window, camera, field and wavelength of what it inherits; ``[pixels]`` takes that
     of window, camera, field, ``[lab]`` and material. With a material of another kind, the refractive index of the old
-    one goes. A camera distance, focal length or focus takes the place of the inherited one of them. What ``unset``
-    names in a table is inherited no more.
+    one goes. A grey mask takes the place of slits or a star. A camera distance, focal length or focus takes the place
+    of the inherited one of them. What ``unset`` names in a table is inherited no more.
     """
     base, changes = _without_unset(base, changes)
     lab, material = base.get("lab"), base.get("material")
@@ -176,7 +175,14 @@ def changed(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
                 base[name] = {field: each for field, each in base[name].items() if field not in fields}
     elif isinstance(lab, dict) and isinstance(material, dict) and not _alike(material, changes.get("material", {})):
         lab.pop("refractive_index", None)
+    if _is_grey(changes) and not _is_grey(base):
+        base.pop("mask", None)
     return merged(base, changes)
+
+
+def _is_grey(table: Mapping[str, Any]) -> bool:
+    """Return whether a recipe's mask is grey pixels, as its field ``transmission`` tells."""
+    return isinstance(table.get("mask"), Mapping) and "transmission" in table["mask"]
 
 
 _IN_LENGTHS = {"lab", "window", "camera", "field"}
