@@ -103,7 +103,12 @@ def test_streams_of_every_kind(name):
             assert (two - one).abs().square().sum().sqrt() <= 2e-6 * one.abs().square().sum().sqrt(), key
 
 
-@pytest.mark.parametrize("kind", SHOWN)
+def weekly_if(name, slow):
+    """Name of a case, marked slow where it is one of those."""
+    return pytest.param(name, marks=pytest.mark.slow) if name in slow else name
+
+
+@pytest.mark.parametrize("kind", [weekly_if(kind, ("local-contrast",)) for kind in SHOWN])
 def test_what_networks_are_shown(kind):
     assert SHOWN.keys() == INPUTS.keys() | FEATURES.keys()
     here, there = (network_input(second_batch(SHOWN[kind], device), kind) for device in ("cpu", "apart"))
@@ -111,7 +116,7 @@ def test_what_networks_are_shown(kind):
     assert (there.cpu() - here).abs().max() <= 1e-5 * here.abs().max()
 
 
-@pytest.mark.parametrize("target", ASKED)
+@pytest.mark.parametrize("target", [weekly_if(target, ("contrast",)) for target in ASKED])
 def test_what_networks_are_asked(target):
     assert ASKED.keys() == TARGETS.keys()
     here, there = (TARGETS[target].values(second_batch(ASKED[target], device)) for device in ("cpu", "apart"))
@@ -119,7 +124,8 @@ def test_what_networks_are_asked(target):
     torch.testing.assert_close(there.cpu(), here, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize("mirror", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow  # the command trains below
+@pytest.mark.parametrize("mirror", [False, True])
 def test_training_on_a_stream_of_the_device(tmp_path, mirror):
     """The same steps as on the host's stream, but for rounding."""
     recipe = load_recipe("through-slab", FEW | {"samples": {"train": 16, "validation": 8}})
@@ -206,7 +212,7 @@ def looked_on_host(what):
     return looked_at[what]
 
 
-@pytest.mark.parametrize("what", [pytest.param("solver", marks=pytest.mark.slow), *WITHOUT])
+@pytest.mark.parametrize("what", [weekly_if(what, ("solver", "assessment")) for what in LOOKED_AT])
 def test_images_of_the_device_can_be_looked_at(what):
     """What computes on the host takes tensors from wherever they lie."""
     np.testing.assert_array_equal(looked(what, "apart"), looked_on_host(what))
