@@ -324,7 +324,15 @@ class SpeckleGenerator:
         some, at = imaging.at(self._at(made.at[places, 1])), self._at(places)
         if not isinstance(some, Imaging) or lit.step is not None:
             drawn = some.media(made.streams.at(at))
-            seen = drawn.images(lit.light) if lit.step is None else drawn.superposed(lit.light, lit.step)
+            if lit.step is None:
+                seen = drawn.images(lit.light)
+            elif lit.exit_radius is None:
+                seen = drawn.superposed(lit.light, lit.step)
+            elif isinstance(drawn, ImagedMedia):
+                seen = drawn.superposed(lit.light, lit.step, lit.exit_radius)
+            else:
+                reject(f"{type(self.recipe).__name__}.exit_radius", "left out where path sums render", "an aperture",
+                       'Take sampler = "stationary", where the planner finds it fit.')  # fmt: skip
             return self.recipe.exposed(seen).to(torch.float32)
         if self.recipe.shares_media and self._keeps(medium, imaging):
             spectra = self._of_medium(self._spectra, medium, lambda: some.media(made.streams.at(at)).shared().spectra)

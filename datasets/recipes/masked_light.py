@@ -201,6 +201,9 @@ class MaskedLight(Recipe):
     waist
         Radius of a Gaussian laser whose waist lies on the middle of the mask, where its intensity is e^-2 of that on
         the axis; at least the window's width over ``beams``. By default the light is even.
+    exit_radius
+        Radius of a round aperture about the axis on the slab's exit face; may vary from sample to sample. By default
+        the whole face is seen.
     beams
         Along each axis, odd: waves of up to (beams - 1) / 2 periods across the window are kept.
     pixels
@@ -214,6 +217,7 @@ class MaskedLight(Recipe):
     ]  # fmt: skip
     distance: Annotated[NonNegative, LENGTH] = 0.0
     waist: Annotated[Positive, LENGTH] | None = None
+    exit_radius: Annotated[Draw, LENGTH] | None = None
     beams: Annotated[int, Field(ge=1, le=101)] = 15
     pixels: PositiveInt = 64
     mode_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
@@ -231,6 +235,10 @@ class MaskedLight(Recipe):
             least = f"at least window.width / beams = {self.geometry.width / self.beams:.4g}"
             reject("MaskedLight.waist", least, self.waist,
                    "Waves of so few periods make no narrower beam: narrow the window, or take more beams.")
+        least = self.wavelength / (2 * self.geometry.grid.pitch * min(self.camera_shape))
+        if self.exit_radius is not None and not ends(self.exit_radius)[0] >= least:
+            reject("MaskedLight.exit_radius", f"at least {least:.4g}, behind which a grain fills the camera",
+                   self.exit_radius, "Widen the aperture, or take a camera of more pixels.")  # fmt: skip
         if not (self.beams - 1) / np.sqrt(2) * self.step < self._k:
             reject("MaskedLight.beams", "few enough that their sines are below 1", self.beams, "Widen the window.")
         return self
@@ -307,7 +315,7 @@ class MaskedLight(Recipe):
 
     def lit(self, drawn: "Addresses", numbers: Sequence[int]) -> Lit:
         """Waves through masks, their pictures, and what was drawn of them."""
-        streams = (generator(substream(drawn.seed, drawn.split, Purpose.OBJECT, n)) for n in numbers)
+        streams = [generator(substream(drawn.seed, drawn.split, Purpose.OBJECT, n)) for n in numbers]
         masks = [self.mask.drawn(rng) for rng in streams]
         waves, passed = map(np.stack, zip(*(self.mask.waves(each, *self._lattice) for each in masks), strict=True))
         waves = self._behind(waves)
@@ -318,9 +326,16 @@ class MaskedLight(Recipe):
         carried = np.array([float(np.square(np.abs(own)).sum()) for own in waves]) / passed
         parameters |= {"open_share": put(area), "carried_share": put(carried)}
         pictures = np.stack([self.mask.picture(each, self.pixels) for each in masks])
-        return Lit(put(waves), self.step, parameters, {"mask": put(pictures)})
+        radius = None
+        if self.exit_radius is not None:
+            radius = parameters["exit_radius"] = put([_opening(self.exit_radius, rng) for rng in streams])
+        return Lit(put(waves), self.step, parameters, {"mask": put(pictures)}, radius)
 
     def named(self, images: Any, tilts: Any, parameters: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
         """One image."""
         return {"image": images[:, 0]}
 
+
+def _opening(radius: Draw, rng: np.random.Generator) -> float:
+    """Radius of one sample's aperture, drawn after its mask."""
+    return float(drawn(radius, rng))

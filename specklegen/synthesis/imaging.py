@@ -306,7 +306,9 @@ class Imaging:
             found.append(own)
         return found
 
-    def superposed(self, drawn: torch.Tensor, amplitudes: torch.Tensor, step: float) -> torch.Tensor:
+    def superposed(
+        self, drawn: torch.Tensor, amplitudes: torch.Tensor, step: float, exit_radius: torch.Tensor | None = None
+    ) -> torch.Tensor:
         """Images of beams that interfere, under the first base tilt, over their mean over media: real[B, 1, H, W].
 
         Parameters
@@ -317,6 +319,8 @@ class Imaging:
             Of the beams from the smallest sines y and x; their phases are 0 in the middle of the window.
         step
             Transverse wave number between neighbouring beams, radians per unit length.
+        exit_radius : float64[B] or None
+            Of a round aperture on the exit face, about the axis.
         """
         if amplitudes.shape[1:] != self.shape:
             reject("superposed amplitudes", f"of shape {self.shape}, one for each beam", tuple(amplitudes.shape[1:]))
@@ -334,11 +338,19 @@ class Imaging:
         # Strides decide the last bits of complex products: those of the grid of lags, on every device.
         down, across = (n - m for n, m in zip(self.lags, drawn.shape[-2:], strict=True))
         drawn = torch.nn.functional.pad(drawn[:, 0], (0, across, 0, down))[..., :rows, :columns]
-        views = torch.fft.ifft2((drawn * light[:, None]).sum(2), s=self.lags, norm="forward")
+        field, open_share = (drawn * light[:, None]).sum(2), None
+        if exit_radius is not None:
+            whole = disc_power(2 * exit_radius, self.cells, self.size, rows, columns)
+            open_share = whole / whole.amax((1, 2), keepdim=True)
+            field = field * open_share.sqrt().to(field.real.dtype)[:, None]
+        views = torch.fft.ifft2(field, s=self.lags, norm="forward")
         spectrum = torch.fft.rfft2(torch.view_as_real(views).square().sum(-1).sum(1), norm="forward")[:, None]
         image = optics.seen(torch.view_as_real(spectrum), self.transforms)[:, :1]
         power = torch.view_as_real(light).square().sum((-1, 1)) * self.envelope.square()
         even = self.flat * torch.view_as_real(waves).double().square().sum((1, 2, 3))
+        if open_share is not None:
+            even = even * (power * open_share).sum((1, 2)) / power.sum((1, 2))
+            power = power * open_share
         mean = power.sum((1, 2), dtype=torch.float64) + even
         seen = ((image + even[:, None, None, None]) / mean[:, None, None, None]).to(self.modes.dtype)
         return self._toned(seen, torch.view_as_real(amplitudes).square().sum(-1)) if self.merged else seen
@@ -519,10 +531,12 @@ class ImagedMedia:
     def _looked_at(self, light: torch.Tensor) -> bool:
         return self.one_by_one and len(self) == 1 and all(map(by_kernels, (light, self.imaging.modes, self._held)))
 
-    def superposed(self, amplitudes: torch.Tensor, step: float) -> torch.Tensor:
+    def superposed(
+        self, amplitudes: torch.Tensor, step: float, exit_radius: torch.Tensor | None = None
+    ) -> torch.Tensor:
         """See :meth:`Imaging.superposed`."""
         assert self.drawn is not None
-        return self.imaging.superposed(self.drawn, amplitudes, step)
+        return self.imaging.superposed(self.drawn, amplitudes, step, exit_radius)
 
 
 def imagings(

@@ -91,13 +91,17 @@ class Lit:
         What is stored of it.
     arrays : dict of tensors
         Arrays of the samples that show it, by name.
+    exit_radius : float64[B] or None
+        Of a round aperture about the axis on the exit face, for beams that interfere.
     """
 
     light: Any
     step: float | None
     parameters: dict[str, Any]
     arrays: dict[str, Any]
+    exit_radius: Any = None
 
     def at(self, places: Any) -> "Lit":
         """Return the light of some of the samples, to be rendered."""
-        return Lit(self.light[places], self.step, {}, {})
+        radius = None if self.exit_radius is None else self.exit_radius[places]
+        return Lit(self.light[places], self.step, {}, {}, radius)

@@ -163,3 +163,39 @@ def test_stars_refused(change, message):
 ])  # fmt: skip
 def test_refused(changes, message):
     assert_refused(lambda: recipe(**changes).sample(0, "train", 0), message)
+
+
+def test_exit_aperture_sets_the_grain():
+    """Covariance |sum of A |u|^2 e^{-ik dv x}|^2 over its own at 0, u the light that the beams carry, A a round
+    aperture on the exit face. A wider one, and none, are caught."""
+    radius = 12_000.0
+    numbers = {"count": 1, "width": 0.7, "gap": 0.1, "length": 0.7, "turn": 0.0}
+    made = recipe(mask=numbers, exit_radius=radius)
+    samples = [made.sample(0, "train", n) for n in range(96)]
+    assert samples[0]["parameters"]["exit_radius"] == radius
+    images = np.array([sample["image"] for sample in samples], float)
+    assert_mean(images.mean(axis=(1, 2)), 1.0)
+    found = autocovariance(images)[:, 4, 1:]
+    field, x = light_on_window(made.amplitudes(made.mask.loops(made.mask.drawn(np.random.default_rng(0)))), 256)
+    wave = np.exp(-2j * np.pi * np.outer(np.arange(-3, 5) / 3, x))
+    expected = []
+    for inside in (radius, 1.3 * radius, 1e9):
+        power = (np.square(np.abs(field)) * (np.hypot(x, x[:, None]) <= inside / 5e4)).sum(axis=0)
+        expected.append(np.abs(wave @ power / power.sum()) ** 2)
+    assert_mean(found, expected[0], slack=0.02)
+    refute_mean(found, expected[1], slack=0.02)
+    refute_mean(found, expected[2], slack=0.02)
+
+
+def test_exit_aperture_keeps_masks_and_is_refused():
+    """Masks, and images without an aperture, stay as they were; path sums and tiny apertures are refused."""
+    plain, behind = recipe(), recipe(exit_radius={"uniform": [1e4, 2e4]})
+    assert "exit_radius" not in plain.sample(0, "train", 0)["parameters"]
+    one, two = (made.sample(0, "train", 0) for made in (plain, behind))
+    assert np.array_equal(one["mask"], two["mask"])
+    assert np.abs(one["image"] - two["image"]).max() > 0.1
+    wide = recipe(exit_radius=1e6).sample(0, "train", 0)["image"]
+    assert wide == pytest.approx(one["image"], rel=1e-5, abs=1e-5)
+    assert_refused(lambda: recipe(exit_radius=100.0), "MaskedLight.exit_radius")
+    narrow = recipe(**DOUBLE, beams=3, window={"width": 4000.0}, camera={"shape": [12, 12]}, exit_radius=1500.0)
+    assert_refused(lambda: narrow.sample(0, "train", 0), "where path sums render")
