@@ -103,7 +103,7 @@ def test_sides_are_where_they_are():
 def test_orientations_are_even():
     """Over all sides a convex body shows int |cos| dA = surface / 6: the mean of cos^2 over a hemisphere, halved."""
     rng, body = np.random.default_rng(3), Geometry(box((2, 1, 1)))
-    radius, count = np.sqrt(6) / 2, 1500
+    radius, count = np.sqrt(6) / 2, 700
     shown = np.array([lambert_view(body, random_rotation(rng), (20, 20), 1.0).sum() for _ in range(count)])
     shown *= (2 * radius / 20) ** 2
     error = shown.std() / np.sqrt(count)
