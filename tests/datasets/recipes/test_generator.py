@@ -227,14 +227,14 @@ def test_the_report_says_who_renders_and_what_the_host_does(name, changes, sampl
 
 
 def test_unpolarised_light_is_two_halves_of_one_brightness():
-    """Of one beam the mean is 1 and E I^2 = 3/2, over 300 media by Student's t; of one polarisation it is 2."""
+    """Of one beam the mean is 1 and E I^2 = 3/2, over 150 media by Student's t; of one polarisation it is 2."""
     small = {"material": {"kernel_paths": 2000}, "camera": {"shape": [16, 16]}, "objects": {"shape": [4, 4]}}
     point = np.zeros((4, 4))
     point[1, 2] = 1.0
     found = {}
     for polarised in (False, True):
         recipe = load_recipe("through-slab", small | {"light": {"polarised": polarised}})
-        seen = np.stack([recipe.prepare(3, "train", n).images(point)[0] for n in range(300)]).astype(float)
+        seen = np.stack([recipe.prepare(3, "train", n).images(point)[0] for n in range(150)]).astype(float)
         found[polarised] = np.square(seen).mean((1, 2))
         assert_mean(seen.mean((1, 2)), 1.0)
         assert_mean(found[polarised], 2.0 if polarised else 1.5)
