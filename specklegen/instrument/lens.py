@@ -73,6 +73,8 @@ class Lens:
         focus = self.camera.focus if focus is None else focus
         # cos - 1 = -s^2 / (1 + cos), without cancellation; k_out (cos_out - 1) as much, with n s for s and k / n for k
         length = square * (way / (1 + inside) + index * focus / (1 + outside))
+        if way and scene.refracts_inside:  # u is that of light carried back through all layers
+            length = scene.slab.lag(square) + square * index * focus / (1 + outside)
         scale = self.grid.pitch**2 / scene.wavelength
         return scale * self.pupil / np.sqrt(inside * outside) * np.exp(-1j * scene.wavenumber * length)
 

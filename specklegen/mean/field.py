@@ -122,6 +122,9 @@ def _layer(scene: Scene, beams: CollimatedBeams) -> np.ndarray:
         difference = (direction - views) / wavelength
         # On the exit face the beam has walked off by its slope times the thickness.
         turns = difference @ _walked_off(scene, direction)
+        if scene.refracts_inside:  # phases along z are those of all layers
+            along = np.square(views[:, :2]).sum(axis=1), np.square(direction[None, :2]).sum(axis=1)
+            turns += (scene.slab.lag(along[0]) - scene.slab.lag(along[1])) / wavelength
         pattern = beams.window.transform(*difference[:, :-1].T)
         attenuation = np.exp(-0.5 * depth)
         crossed = np.sqrt((_crossing(scene, direction[-1:]) * _crossing(scene, views[:, -1])).mean(axis=0))
@@ -186,8 +189,11 @@ def _crossing(scene: Scene, cosines: np.ndarray) -> np.ndarray:
 
 
 def _walked_off(scene: Scene, direction: np.ndarray) -> np.ndarray:
-    """Return the place on the exit face where the middle of a beam arrives, float64[3] or float64[2]."""
+    """Return the place on the exit face where the middle of a beam arrives, float64[3] or float64[2].
+
+    Behind layers that refract, at depth 0: their phases along z are added apart.
+    """
     if scene.refracts_inside:
         slope = straight_light(scene.slab, np.hypot(*direction[:2])[None]).slope[0]
-        return np.append(direction[:2] * slope, scene.thickness)
+        return np.append(direction[:2] * slope, 0.0)
     return direction / direction[-1] * scene.thickness

@@ -21,6 +21,7 @@ from specklegen.paths.gaussianity import PathMoments
 from specklegen.paths.layout import Layout
 from specklegen.paths.pilot import scene_pilot
 from specklegen.paths.pixel_light import PixelLight, depths, sideways, tangents
+from specklegen.paths.steps import straight_light
 from specklegen.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def _wide_open(scene: Scene) -> Scene:
 
     points, faces = scene.views, scene.medium.faces
     aside, behind = np.hypot(*points[:, :2].T).max(initial=0.0), scene.side * (points[:, 2] - scene.exit_depth)
-    index, most = faces.inside / faces.outside, 0.99 * faces.largest_sine / np.sqrt(2)
+    index, most = faces.inside / faces.outside, 0.99 * scene.slab.largest_sine / np.sqrt(2)
     nearest = float(behind.min(initial=np.inf))
     side = "transmission" if scene.side > 0 else "reflection"
 
@@ -129,8 +130,8 @@ def lit_plane(scene: Scene) -> LitPlane:
         weights = contributions(layout.at(light, np.array([0.0, 0.0, scene.side])), bank)
         if not weights.any():
             continue
-        aside = sideways(bank, light)
-        gap = depths(scene, bank)
+        aside = sideways(layout, bank, light)
+        gap = depths(lens, layout, bank)
         reached = np.hypot(*aside.T) + np.abs(gap * steep[0] + camera.focus * steep[1])
         order = np.argsort(reached)
         share = np.cumsum(weights[order]) / weights.sum()
@@ -145,23 +146,26 @@ def lit_plane(scene: Scene) -> LitPlane:
         seen = layout.at(light, np.array([[0.0, 0.0, scene.side]]))
         entering = bank.weight * np.square(np.abs(endpoint_factors(seen, bank, seen.lights, "entry")[0]))
         moments = PixelLight(scene, lens, layout, bank, light, entering).pixel(aside, window)
-    return LitPlane(extent, halo, moments, _turned(scene, layout, bank))
+    return LitPlane(extent, halo, moments, _turned(lens, layout, bank))
 
 
 def steep_way(scene: Scene, light: np.ndarray) -> float:
     """Distance of the unscattered light of a beam from its window on the plane in focus."""
     if scene.side < 0:
         return 0.0
-    inside, outside = tangents(scene, float(np.hypot(*light[:2])))
+    sine = float(np.hypot(*light[:2]))
+    inside, outside = tangents(scene, sine)
+    if scene.refracts_inside:
+        inside = sine * straight_light(scene.slab, np.array([sine])).slope[0] / scene.exit_depth
     return float(inside * scene.exit_depth + outside * scene.sensor.focus)  # type: ignore[attr-defined]
 
 
-def _turned(scene: Scene, layout: Layout, bank: PathBank) -> float:
+def _turned(lens: Lens, layout: Layout, bank: PathBank) -> float:
     """Largest |C_v - C| of the outermost tilts over four views v at the rim, C that in the middle of the pupil.
 
     A pattern that moves with the tilt has a correlation that turns with the view.
     """
-    lights = layout.lights.vectors
+    scene, lights = lens.scene, layout.lights.vectors
     if len(lights) < 2:
         return 0.0
     middle = -lights.mean(axis=0)
@@ -174,6 +178,6 @@ def _turned(scene: Scene, layout: Layout, bank: PathBank) -> float:
         weights = contributions(layout.at(middle, view), bank)
         if not weights.any():
             return np.inf
-        way = sideways(bank, middle) + depths(scene, bank)[:, None] * (view[:2] / abs(view[2]))
+        way = sideways(layout, bank, middle) + depths(lens, layout, bank)[:, None] * (view[:2] / abs(view[2]))
         correlations.append(weights @ np.exp(-1j * scene.wavenumber * (way @ gap)) / weights.sum())
     return float(np.abs(np.array(correlations[1:]) - correlations[0]).max())

@@ -72,14 +72,28 @@ def pupil_views(scene: Scene, lens: Lens) -> PupilViews:
     return PupilViews(vectors[lit], power[lit], share)
 
 
-def depths(scene: Scene, bank: PathBank) -> np.ndarray:
-    """float64[M], from the last particles to the face that the lens looks at."""
-    return scene.side * (scene.exit_depth - bank.exit[:, 2])
+def depths(lens: Lens, layout: Layout, bank: PathBank) -> np.ndarray:
+    """float64[M], from the last particles to the face that the lens looks at.
+
+    Through layers that refract, the depth in the index ``faces.inside`` over which light walks as far sideways: the
+    larger one of light along the axis and at the rim of the pupil.
+    """
+    scene = lens.scene
+    if layout.ways is None:
+        return scene.side * (scene.exit_depth - bank.exit[:, 2])
+    rim = np.sqrt(1 - lens.camera.aperture**2)
+    ways = [cosine * layout.ways.views.lateral_ways(np.array([sine, 0.0, cosine]), bank.bounces[:, 1], bank.exit[:, 2])
+            for sine, cosine in ((0.0, 1.0), (lens.camera.aperture, rim))]  # fmt: skip
+    return np.maximum(*ways)
 
 
-def sideways(bank: PathBank, light: np.ndarray) -> np.ndarray:
+def sideways(layout: Layout, bank: PathBank, light: np.ndarray) -> np.ndarray:
     """float64[M, 2], from where light enters the face to the last particles."""
-    return bank.exit[:, :2] - bank.entry[:, :2] + bank.entry[:, 2:] * (light[:2] / light[2])
+    if layout.ways is None:
+        entering = bank.entry[:, 2:] / light[2]
+    else:
+        entering = layout.ways.lights.lateral_ways(light, bank.bounces[:, 0], bank.entry[:, 2])[:, None]
+    return bank.exit[:, :2] - bank.entry[:, :2] + entering * light[:2]
 
 
 def tangents(scene: Scene, sine: float) -> tuple[float, float]:
@@ -125,7 +139,7 @@ class PixelLight:
         patches = [np.empty((6, 0))]
         for start in range(0, len(self.bank), step):
             part = np.arange(start, min(start + step, len(self.bank)))
-            gap = depths(self.scene, self.bank.select(part))
+            gap = depths(self.lens, self.layout, self.bank.select(part))
             places = aside[part] + rays.aside(gap)
             lit = np.ones(places.shape[:2])
             if window is not None:
@@ -176,7 +190,7 @@ class PixelLight:
         By the transform of what each sends through the pupil; ``middles`` float64[M, 2] from their last particles.
         """
         camera, index = self.lens.camera, self.scene.medium.faces.inside / self.scene.medium.faces.outside
-        gap, steep = depths(self.scene, self.bank.select(part)), tangents(self.scene, camera.aperture)
+        gap, steep = depths(self.lens, self.layout, self.bank.select(part)), tangents(self.scene, camera.aperture)
         widest = 2 * float(np.abs(gap * steep[0] + camera.focus * steep[1]).max())
         side = int(np.clip(3 * camera.aperture * widest / self.scene.wavelength, _COARSEST, _FINEST))
         own = Lens(self.scene, camera, camera.pupil_grid(side))

@@ -121,6 +121,7 @@ class PlaneParallel(Bulk):
         thickness: float
         mean_free_path: float
         faces: Faces
+        layers: Sequence[Layer]
 
     @property
     def indices(self) -> tuple[float, ...]:
@@ -136,6 +137,17 @@ class PlaneParallel(Bulk):
     def largest_sine(self) -> float:
         """Direction sine, in the index ``faces.inside``, up to which light crosses all faces."""
         return min(self.faces.largest_sine, min((*self.indices, self.faces.inside)) / self.faces.inside)
+
+    def lag(self, square: np.ndarray) -> np.ndarray:
+        """Phase over -k that light of squared sines, in the index ``faces.inside``, gains beside light of the axis.
+
+        Straight through all layers.
+        """
+        out, inside = np.zeros_like(square), self.faces.inside
+        for layer in self.layers:
+            ratio = inside / (layer.index or inside)
+            out += layer.thickness * ratio * square / (1 + np.sqrt(1 - ratio**2 * square))
+        return out
 
     def require_crossing(self, field: str, directions: np.ndarray) -> None:
         """Refuse directions float64[..., 3] in the index ``faces.inside``, that no light takes on its way in or out."""
@@ -330,9 +342,9 @@ class Layers(Stratified):
     faces
         The step of the refractive index at both outer faces, which layers with an ``index`` of their own have to what
         is outside, of index 1 if nothing is said. Wavelengths and tilts are those in ``faces.inside``, 1 again.
-        Path sums, `covariance`, `memory_effect`, `joint_correlation` and `reflectance_transmittance` know all steps;
-        films and `temporal_correlation` those that are met near the axis, in transmission (docs/media.md). Polarised
-        light, lenses and light of a band refuse them.
+        Path sums, `covariance`, `memory_effect`, `joint_correlation` and `reflectance_transmittance` know all steps,
+        path sums also through a lens and at points outside; films and `temporal_correlation` those that are met near
+        the axis, in transmission (docs/media.md). Polarised light and light of a band refuse them.
     polarisation
         What the particles of all layers do to polarised light. "scalar": light has none. "projector": every scattering
         takes away what of the field lies along the new direction. "vector": by the particles' own amplitudes

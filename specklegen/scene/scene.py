@@ -153,7 +153,9 @@ class Scene(Value, Pictured):
                    "screens a CoherentObject.")  # fmt: skip
         camera = cast(Imaging, self.sensor)
         require_range({"Imaging.focus": abs(camera.focus), "Imaging.pitch": camera.pitch})
-        camera.require_lens(self.wavelength, self.medium.faces.largest_sine)
+        medium = self.medium
+        crossing = medium if isinstance(medium, PlaneParallel) else medium.faces
+        camera.require_lens(self.wavelength, crossing.largest_sine)
 
     def _require_focus(self) -> None:
         """Refuse focused light before thin screens, and what its window or its medium does not let in."""
@@ -198,10 +200,9 @@ class Scene(Value, Pictured):
                    "Refracting faces are modelled in three dimensions: leave faces out, or use "
                    "CollimatedBeams or an object.")  # fmt: skip
         light = self.illumination
-        if (self.imaged or (light.focused and not light.gridded)) and as_slab(self.slab) is None:
-            reject(f"{self.medium.type}.{'layers' if indices else 'faces'}",
-                   "of one index, for points and cameras with a lens", indices or self.medium.faces,
-                   "Use equal indices, or a far-field sensor: with a lens only a Slab may have faces.")  # fmt: skip
+        if light.focused and not light.gridded and self.refracts_inside:
+            reject(f"{self.medium.type}.{'layers' if indices else 'faces'}", "of one index, for focused beams",
+                   indices or self.medium.faces, "Use a Slab, or a CoherentObject with focus=.")  # fmt: skip
         self.slab.require_crossing(f"{self.illumination.type}.directions", self.lights)
         if self.sensor.near:
             behind = self.side * (self.views[:, -1] - self.exit_depth)

@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 import specklegen as sg
+from specklegen.instrument.lens import Points
 from specklegen.paths.lit_plane import lens_of
 from specklegen.paths.tracer import slab_tracer, volume_tracer
 from specklegen.samplers.path_sums.direct import direct_field
@@ -73,6 +74,77 @@ def test_every_connection_arrives_along_its_refracted_ray(index):
                      for each in (right, other))  # fmt: skip
     assert np.abs(np.angle(turned)).max() < 0.1
     assert np.abs(np.angle(wrong)).max() > 0.5
+
+
+UPPER = sg.media.Layer(thickness=20.0, mean_free_path=10.0, scatterer=THIN.scatterer, index=1.5)
+TWO = sg.Layers([UPPER, UPPER.replace(thickness=30.0, mean_free_path=30.0, index=1.2)])
+
+
+def test_every_connection_crosses_layers_along_its_refracted_ray():
+    """Field of each connection that leaves without an echo: power in a tube of rays, and optical path.
+
+    Neither that of layers of one index nor that of layers in the other order.
+    """
+    points = np.array([[0.0, 0.0, 350.0], [40.0, -25.0, 350.0], [0.0, 50.0, 380.3]])
+    camera = sg.sensors.Imaging(shape=(1, 1), pitch=0.5, aperture=0.3)
+    seen_by = scene(TWO, camera, BEAM.of(np.arange(1)))
+    through = Points(seen_by, camera, camera.pupil_grid(200), sg.sensors.NearField(points))
+    tracer = slab_tracer(through.pupil_scene, False)
+    bank, axis = tracer.trace(1, 400, threads=1), np.array([0.0, 0.0, 1.0])
+    ways, tops = tracer.layout.ways.views, np.array([0.0, 20.0])
+    within = np.maximum(np.array([20.0, 50.0]) - np.maximum(bank.exit[:, 2:], tops), 0)  # of each layer, to the face
+    straight = within @ (1 / np.array([1.5, 1.2]))
+    direct = np.isclose(ways.lateral_ways(axis, bank.bounces[:, 1], bank.exit[:, 2]), straight)
+    chosen = np.flatnonzero(direct & (np.hypot(*bank.exit[:, :2].T) < 15))[:5]
+    bank, within = bank.select(chosen), within[chosen]
+    assert (within[:, 0] > 0).sum() > 0
+    ones = np.ones(1, complex)
+
+    def expected(indices):
+        out = np.empty((5, 3), complex)
+        for n, place in enumerate(bank.exit):
+            for m, point in enumerate(points):
+                lengths, inverse = np.append(within[n], point[2] - 50.0), 1 / np.array([*indices, 1.0])
+                far = np.hypot(*(point[:2] - place[:2]))
+
+                def reached(sine, lengths=lengths, inverse=inverse):
+                    return float((lengths * sine * inverse / np.sqrt(1 - (sine * inverse) ** 2)).sum())
+
+                sine = brentq(lambda s, far=far: reached(s) - far, 0, 0.999, xtol=1e-15)
+                slope = (reached(sine * (1 + 1e-5) + 1e-7) - far) / (sine * 1e-5 + 1e-7)
+                view = np.append((point[:2] - place[:2]) / far * sine, np.sqrt(1 - sine**2))
+                seen = tracer.layout.at(BEAM.directions[0], view[None])
+                power = np.square(np.abs(direct_field(seen, bank.select([n]), (ones, None))[0, 0]))
+                power /= (1 - sine**2) * far / sine * slope
+                length = (lengths / inverse / np.sqrt(1 - (sine * inverse) ** 2)).sum()
+                length -= (within[n] / inverse[:2]).sum()
+                out[n, m] = np.sqrt(power) * np.exp(2j * np.pi * length)
+        return out
+
+    found = np.stack([
+        through.image(direct_field(tracer.layout, bank.select([n]), (ones, None)).reshape(1, *through.grid.shape))[0]
+        for n in range(5)
+    ])  # fmt: skip
+    right = expected((1.5, 1.2))
+    np.testing.assert_allclose(np.abs(found), np.abs(right), rtol=0.03)
+    turned = found[:, 1:] * found[:, :1].conj()
+    off = [np.abs(np.angle(turned * (each[:, 1:] * each[:, :1].conj()).conj())).max()
+           for each in (right, expected((1.0, 1.0)), expected((1.2, 1.5)))]  # fmt: skip
+    assert off[0] < 0.1
+    assert min(off[1:]) > 0.3
+
+
+def test_unscattered_light_leaves_layers_where_its_ray_does():
+    """Middle of the light of a tilted beam on the exit face, as a lens sees it."""
+    sine = 0.2
+    light = sg.light.CollimatedBeams(directions=[[sine, 0.0, np.sqrt(1 - sine**2)]], width=12.0)
+    camera = sg.sensors.Imaging(shape=(24, 48), pitch=0.8, aperture=0.3)
+    power = np.square(np.abs(sg.statistics.mean_field(scene(TWO, camera, light))[0]))
+    x = (np.arange(48) - 23.5) * 0.8
+    inside = sine / np.array([1.5, 1.2])
+    expected = (np.array([20.0, 30.0]) * inside / np.sqrt(1 - inside**2)).sum()
+    assert power.sum(axis=0) @ x / power.sum() == pytest.approx(expected, abs=0.3)
+    assert abs(50.0 * sine / np.sqrt(1 - sine**2) - expected) > 1.5  # of layers without a step
 
 
 def test_without_faces_they_are_spherical_waves_of_the_last_particles():

@@ -192,12 +192,11 @@ def test_light_along_the_axis_is_that_of_the_densities_and_the_same_either_way()
 
 
 def test_what_layers_that_refract_do_not_serve_is_refused():
-    light = sg.CollimatedBeams.tilts([0.0, 1e-3], width=500.0)
     ask = {"wavelength": 0.01, "paths": 64}
     assert_refused(lambda: UPPER.replace(index=11.0), r"Layer.index must be a refractive index between 0.1 and 10")
-    points = sg.NearField([[0.0, 0.0, 9.0]])
-    with pytest.raises(sg.RuleError, match=r"Layers.layers must be of one index, for points and cameras with a lens"):
-        sg.Scene(wavelength=0.5, medium=TWO, illumination=light, sensor=points)
+    focused = sg.light.FocusedBeams([[0.0, 0.0, 10.0]], waist=4.0)
+    with pytest.raises(sg.RuleError, match=r"Layers.layers must be of one index, for focused beams"):
+        sg.Scene(wavelength=0.5, medium=TWO, illumination=focused, sensor=sg.FarField.grid((2, 2), 1e-3))
     with pytest.raises(sg.RuleError, match="light and view must be along the axis for layers that refract"):
         estimate_oblique_correlation(TWO, AXIS, np.array([0.6, 0.0, 0.8]), 64, 0)
     moving = [layer.replace(motion=sg.Brownian(diffusion=1.0)) for layer in TWO.layers]

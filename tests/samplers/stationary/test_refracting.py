@@ -150,7 +150,6 @@ def moving_two():
 ASIDE = sg.FarField.grid((8, 8), 2e-5, center=(0.3, 0.0))
 COARSE = sg.FarField.grid((8, 8), 5e-4)
 BACK = sg.FarField.grid((8, 8), 2e-5, side="reflection")
-LENS = sg.Imaging(shape=(4, 4), pitch=0.5, aperture=0.2)
 POINT = sg.NearField([[0.0, 0.0, 200.0]])
 
 
@@ -159,9 +158,7 @@ POINT = sg.NearField([[0.0, 0.0, 200.0]])
     (lambda: scene_of(TWO, sensor=BACK), {"sampler": "stationary"}, 'sampler must be "paths" or "auto"'),
     (lambda: scene_of(BELOW_AIR, 450.0), {}, "directions must be of sines below 0.8, where light crosses"),
     (lambda: scene_of(moving_two(), times=[0.0, 0.1, 0.2]), {"sampler": "paths"}, "Layers.motion must be left out"),
-    (lambda: scene_of(TWO, sensor=LENS), {}, "Layers.layers must be of one index, for points and cameras"),
-    (lambda: scene_of(TWO, sensor=POINT), {}, "Layers.layers must be of one index, for points and cameras"),
-    (lambda: scene_of(BY_FACES, sensor=POINT), {}, "Layers.faces must be of one index, for points and cameras"),
+    (lambda: scene_of(BY_FACES, sensor=POINT), {}, r"NearField\.points must be at least .* behind the face"),
 ])  # fmt: skip
 def test_what_nothing_serves_is_refused(scene, options, rule):
     assert_refused(lambda: sg.plan(scene(), paths=1000, **options), rule)
