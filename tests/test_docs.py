@@ -65,6 +65,8 @@ SHORTER = [
     ('split="test", batch_size=16)', 'split="test", batch_size=4)'),
     ("paths=20_000).intensity", "paths=4_000).intensity"), ("paths=4_000)\nfit", "paths=500)\nfit"),
     ("paths=2000, seed=0, reverse=False)", "paths=50, seed=0, reverse=False)"),
+    ("FocusedBeams(foci, waist=3.0)", "FocusedBeams(foci, waist=6.0)"), ("in (100.0, 200.0, 400.0)]", "in (100.0,)]"),
+    ("posterior(*measured(batch, recipe), draws=8)", "posterior(*measured(batch, recipe), draws=2)"),
 ]  # fmt: skip
 
 

@@ -111,11 +111,13 @@ def vector_adding_doubling(
             through, back = _between_faces(layer, np.repeat(weight, 4), mirrored, crossed, nodes)
         phase = np.exp(1j * m * np.asarray(azimuths, np.float64)) * (1 if m == 0 else 2)  # -m is the conjugate of m
         for n, kernel in enumerate((through, back)):
-            seen = kernel.reshape(len(mu), 4, len(mu), 4)[nodes + 1 :, :, nodes]
+            seen = kernel.reshape(len(mu), 4, len(mu), 4)[nodes + 1 :, :, nodes] * (_TURN[:, None] / _TURN)
             scattered[n] += (phase[:, None, None] * seen[:, None]).real
     return PolarisedLight(*(mu[nodes] * scattered))
 
 
+_TURN = np.array([1, 1, 1j, 1j])
+"""Harmonics of I and Q are those of cosines, of U and V those of sines, which are imaginary: times i all are real."""
 _SPINS = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -1j], [1j, 0]]])
 """Matrices of I, Q, U and V."""
 
@@ -186,13 +188,16 @@ def _between_faces(
     turned = np.kron(np.array([[0, 1], [1, 0]]), mirrored)  # what was up goes down at the upper face
     source = np.concatenate([lit_below, lit_above])
     arriving = np.linalg.solve(np.eye(2 * size) - lower @ turned, source)
-    leaving = np.zeros((2, size, size), complex)
+    leaving = np.zeros((2, size, size))
     leaving[0][:, part], leaving[1][:, part] = crossed @ arriving[:size], crossed @ arriving[size:]
     return leaving[0], leaving[1]
 
 
 def _harmonics(matrix: PhaseMatrix, mu: np.ndarray, orders: int) -> np.ndarray:
-    """Harmonics of the phase matrix, complex128[orders, 4, n, 4, n, 4]: down to down, to up; up to down, to up."""
+    """Harmonics of the phase matrix, float64[orders, 4, n, 4, n, 4]: down to down, to up; up to down, to up.
+
+    U and V are those times i, as ``_TURN`` has it.
+    """
     count = 2 * 2 ** int(np.ceil(np.log2(4 * orders + 2 * len(mu))))  # of azimuths
     azimuth = 2 * np.pi * np.arange(count) / count
     harmonics = np.empty((orders, 4, len(mu), 4, len(mu), 4), complex)
@@ -200,7 +205,7 @@ def _harmonics(matrix: PhaseMatrix, mu: np.ndarray, orders: int) -> np.ndarray:
         for j, cosine in enumerate(mu):
             turned = _turned(matrix, arriving * cosine, leaving * mu[:, None], azimuth)  # [n, azimuths, 4, 4]
             harmonics[:, n, :, :, j] = np.moveaxis(np.fft.fft(turned, axis=1)[:, :orders], 1, 0) / count
-    return harmonics
+    return (harmonics * _TURN / _TURN[:, None, None]).real
 
 
 def _frame(cosine: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
