@@ -127,7 +127,7 @@ class Slab(PlaneParallel):
         return self.thickness / self.mean_free_path
 
     @property
-    def layers(self) -> tuple[Layer, ...]:
+    def layers(self) -> tuple[Layer, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The slab as one layer; none without a thickness."""
         if self.thickness == 0:
             return ()
