@@ -13,6 +13,7 @@ from specklegen.core.cached_results import cached_result
 from specklegen.core.decision import Decision
 from specklegen.core.random_streams import Seed, Stream, pilot_seed
 from specklegen.core.values import remembered
+from specklegen.kernels.volume import VOXELS
 from specklegen.paths.bank import PathBank, concatenate
 from specklegen.paths.deep_absorption import crossing_variances, dark_views
 from specklegen.paths.endpoint_factors import contributions_of_pairs, multiple_amplitudes, single_amplitudes
@@ -20,7 +21,6 @@ from specklegen.paths.gaussianity import PathMoments, relative_variance
 from specklegen.paths.rare_paths import ENOUGH, rare_paths_decision
 from specklegen.paths.slab_tracer import SlabTracer
 from specklegen.paths.tracer import Tracer, slab_tracer, volume_tracer
-from specklegen.scene.media import as_slab
 from specklegen.scene.scene import Scene
 
 FEW_PATHS, PILOT_PATHS = 2048, 6144
@@ -129,8 +129,9 @@ class Pilot(PilotNumbers):
     @property
     def event(self) -> str:
         """Name of the operation that a scattering event of these paths is."""
-        quick = isinstance(self.tracer, SlabTracer) and as_slab(self.tracer.medium) is not None
-        return "event" if quick else "volume event"
+        layout = self.tracer.layout
+        alike = layout.ways is None and int(layout.volume.cells[VOXELS].prod()) == 1
+        return "event" if alike and isinstance(self.tracer, SlabTracer) else "volume event"
 
     @property
     def bank(self) -> PathBank:
